@@ -1,0 +1,45 @@
+"""Every error this package raises on purpose.
+
+SteeredMarigoldError
+├── InputError (ValueError)           the caller's data or arguments; exit code 2 on the command line
+│   ├── FileFormatError               a file that is missing, damaged, or of a kind that cannot hold what it must
+│   ├── SizeMismatchError             arrays that must share a size and do not
+│   └── NoMeasurementsError           a metric answer was asked for, and nothing was measured
+├── CheckpointError (ValueError)      weights that are missing, incomplete or unsafe to load
+└── MissingExtraError (ImportError)   an optional dependency is not installed
+
+Each message names the file or argument, says what was wrong and what to do.
+"""
+
+
+class SteeredMarigoldError(Exception):
+    """Base of all errors of this package."""
+
+
+class InputError(SteeredMarigoldError, ValueError):
+    """The caller's data or arguments cannot be used."""
+
+
+class FileFormatError(InputError):
+    """A file is missing, damaged, or of a kind that cannot hold what it must."""
+
+
+class SizeMismatchError(InputError):
+    """Arrays that must share a size do not."""
+
+
+class NoMeasurementsError(InputError):
+    """A metric answer was asked for, and nothing was measured."""
+
+
+class CheckpointError(SteeredMarigoldError, ValueError):
+    """Weights are missing, incomplete or unsafe to load."""
+
+
+class MissingExtraError(SteeredMarigoldError, ImportError):
+    """An optional dependency is not installed."""
+
+    def __init__(self, extra: str, module: str) -> None:
+        super().__init__(
+            f"{module} is not installed; get it with: pip install 'steered-marigold[{extra}]'"
+        )

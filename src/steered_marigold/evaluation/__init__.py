@@ -1,0 +1,1 @@
+"""Methods on data under a protocol: runs, tables, figures."""

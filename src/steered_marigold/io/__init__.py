@@ -1,0 +1,1 @@
+"""Files: one format family a module, read and write."""

@@ -1,0 +1,1 @@
+"""Every way to complete depth, behind one protocol: `DepthCompleter`."""
