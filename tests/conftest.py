@@ -1,0 +1,25 @@
+"""Fixtures that several test folders share."""
+
+from pathlib import Path
+
+import pytest
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def _folder(name: str) -> Path:
+    if not (DATA / name).is_dir():
+        pytest.skip(f"{DATA / name} is not on this machine")
+    return DATA / name
+
+
+@pytest.fixture(scope="session")
+def real_frames() -> Path:
+    """Real sensor frames with real holes."""
+    return _folder("real_frames")
+
+
+@pytest.fixture(scope="session")
+def nyuv2_train() -> Path:
+    """The NYUv2 training frames."""
+    return _folder("nyuv2_train")
