@@ -1,0 +1,203 @@
+"""How far a depth map is from the truth, image by image.
+
+| field | symbol | definition over the N pixels of the mask, prediction d, truth g |
+|---|---|---|
+| abs_rel | REL | mean of abs(d - g) / g |
+| delta1, delta2, delta3 | delta_k | share of max(d / g, g / d) < 1.25^k |
+| rmse_m | RMSE [m] | root of the mean of (d - g)^2 |
+| mae_m | MAE [m] | mean of abs(d - g) |
+| irmse_per_km, imae_per_km | iRMSE, iMAE [1/km] | the same for 1 / d and 1 / g, as KITTI has it |
+
+A data set's figure is the mean over its images, each image counting once (as in the paper).
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from scipy.stats import rankdata
+from torch import Tensor
+
+from steered_marigold.errors import InputError
+
+NORMAL_90 = 1.645
+"""90 % of a normal distribution lies within this many standard deviations of its mean."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthErrors:
+    """The errors of one image, or their mean over images; see the table of this module.
+
+    irmse_per_km and imae_per_km are infinite where a prediction is not positive.
+    """
+
+    abs_rel: float
+    delta1: float
+    delta2: float
+    delta3: float
+    rmse_m: float
+    mae_m: float
+    irmse_per_km: float
+    imae_per_km: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class UncertaintyErrors:
+    """How well a stated uncertainty describes the errors of one image.
+
+    spearman: rank correlation of uncertainty and absolute error; 0 if one of them is constant.
+    ause: area under the sparsification error curve (Ilg et al., ECCV 2018), 0 is perfect. Pixels
+        are dropped from the most uncertain on; the curve is the MAE of the rest less the MAE that
+        dropping the largest errors would leave, divided by the MAE of all pixels. The area is its
+        mean over all fractions of pixels kept. Equally uncertain pixels share their mean error.
+    coverage90: share of pixels with abs(error) <= NORMAL_90 * uncertainty. 0.9 is right for normal
+        errors whose standard deviation is the uncertainty.
+    """
+
+    spearman: float
+    ause: float
+    coverage90: float
+
+
+def depth_errors(
+    prediction: Float[Tensor, "height width"],
+    target: Float[Tensor, "height width"],
+    mask: Bool[Tensor, "height width"],
+    *,
+    official: bool = False,
+) -> DepthErrors:
+    """Errors of one image over the pixels of the mask; depths in metres.
+
+    A prediction that is not positive is an outlier of delta. `official` is the rule of the
+    authors' script, in which a negative prediction has a negative ratio and counts as an inlier.
+
+    Raises InputError if the mask is empty, the truth is not positive or a prediction not finite.
+    """
+    d, g = _masked(prediction, target, mask)
+    error = d - g
+    inverse_error = torch.where(d > 0, 1000 / d - 1000 / g, math.inf)
+    ratio = torch.maximum(d / g, g / d)
+    counts = (d > 0) | official
+    return DepthErrors(
+        abs_rel=_mean(error.abs() / g),
+        delta1=_mean((ratio < 1.25) & counts),
+        delta2=_mean((ratio < 1.25**2) & counts),
+        delta3=_mean((ratio < 1.25**3) & counts),
+        rmse_m=math.sqrt(_mean(error.square())),
+        mae_m=_mean(error.abs()),
+        irmse_per_km=math.sqrt(_mean(inverse_error.square())),
+        imae_per_km=_mean(inverse_error.abs()),
+    )
+
+
+def uncertainty_errors(
+    prediction: Float[Tensor, "height width"],
+    uncertainty: Float[Tensor, "height width"],
+    target: Float[Tensor, "height width"],
+    mask: Bool[Tensor, "height width"],
+) -> UncertaintyErrors:
+    """How well `uncertainty` [m] describes the errors of one image over the pixels of the mask.
+
+    Raises InputError as `depth_errors` does, and if an uncertainty is not finite.
+    """
+    d, g = _masked(prediction, target, mask)
+    error = (d - g).abs().numpy()
+    sigma = uncertainty.detach().cpu().double()[mask.cpu()].numpy()
+    if not np.isfinite(sigma).all():
+        raise InputError("the uncertainty holds values that are not finite")
+    return UncertaintyErrors(
+        spearman=_spearman(sigma, error),
+        ause=_ause(sigma, error),
+        coverage90=float(np.mean(error <= NORMAL_90 * sigma)),
+    )
+
+
+class DepthMetrics:
+    """Mean errors over images: `update` with batches, `merge` shards, `compute` the mean.
+
+    Each image's errors are kept, and their sum is exact before it is rounded once: shards add up
+    to the same figures as the whole, in any order.
+    """
+
+    def __init__(self, *, official: bool = False) -> None:
+        self.official = official
+        self.images: list[DepthErrors] = []
+
+    def update(
+        self,
+        prediction: Float[Tensor, "batch height width"],
+        target: Float[Tensor, "batch height width"],
+        mask: Bool[Tensor, "batch height width"],
+    ) -> None:
+        """Adds a batch of images; see `depth_errors` for units and errors raised."""
+        self.images.extend(
+            depth_errors(*image, official=self.official)
+            for image in zip(prediction, target, mask, strict=True)
+        )
+
+    def merge(self, other: "DepthMetrics") -> None:
+        """Adds the images of another shard."""
+        self.images.extend(other.images)
+
+    def compute(self) -> DepthErrors:
+        """The mean over all images. Raises InputError if there are none."""
+        return DepthErrors(
+            **{
+                field.name: exact_mean(getattr(image, field.name) for image in self.images)
+                for field in fields(DepthErrors)
+            }
+        )
+
+
+def exact_mean(values: Iterable[float]) -> float:
+    """The mean, its sum rounded once (math.fsum): independent of the order.
+
+    Raises InputError if there are no values.
+    """
+    values = list(values)
+    if not values:
+        raise InputError("the mean of no images is undefined; add at least one")
+    return math.fsum(values) / len(values)
+
+
+def _masked(
+    prediction: Float[Tensor, "height width"],
+    target: Float[Tensor, "height width"],
+    mask: Bool[Tensor, "height width"],
+) -> tuple[Float[Tensor, " pixels"], Float[Tensor, " pixels"]]:
+    """Both at the pixels of the mask, float64 on the CPU, checked."""
+    if not bool(mask.any()):
+        raise InputError("the mask holds no pixel, so there is nothing to measure")
+    d, g = (x.detach().cpu().double()[mask.cpu()] for x in (prediction, target))
+    if not bool(torch.isfinite(d).all()):
+        raise InputError(f"the prediction holds {int((~d.isfinite()).sum())} values not finite")
+    if not bool((g > 0).all()):
+        raise InputError("the true depth must be positive wherever the mask is True")
+    return d, g
+
+
+def _mean(x: Tensor) -> float:
+    return float(x.double().mean())
+
+
+def _spearman(x: np.ndarray, y: np.ndarray) -> float:
+    """Pearson correlation of the ranks, ties sharing their mean rank."""
+    ranks = np.stack((rankdata(x), rankdata(y)))
+    ranks -= ranks.mean(axis=1, keepdims=True)
+    norms = np.sqrt((ranks**2).sum(axis=1))
+    return float(ranks[0] @ ranks[1] / norms.prod()) if norms.all() else 0.0
+
+
+def _ause(uncertainty: np.ndarray, error: np.ndarray) -> float:
+    total = error.mean()
+    if total == 0:
+        return 0.0
+    _, group, size = np.unique(uncertainty, return_inverse=True, return_counts=True)
+    shared = (np.bincount(group, weights=error) / size)[group]
+    kept = np.arange(1, error.size + 1)
+    by_uncertainty = np.cumsum(shared[np.argsort(group, kind="stable")]) / kept
+    oracle = np.cumsum(np.sort(error)) / kept
+    return float(np.mean(by_uncertainty - oracle) / total)

@@ -1,0 +1,133 @@
+"""How depth goes missing or wrong: samples, holes, ranges, scan lines, noise and outliers.
+
+Each function takes measurements and returns fewer or worse ones, so they compose. A dense ground
+truth is where a chain begins.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Generator, Tensor
+
+from steered_marigold.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurements:
+    """What a sensor gives: depth [m] where valid_mask is True.
+
+    The mask alone says what was measured. The functions of this module zero the depth elsewhere, so
+    that a hidden truth cannot leak.
+    """
+
+    sparse_depth: Float[Tensor, "height width"]
+    valid_mask: Bool[Tensor, "height width"]
+
+
+def keep(measurements: Measurements, mask: Bool[Tensor, "height width"]) -> Measurements:
+    """Only the measurements where the mask is True."""
+    valid = measurements.valid_mask & mask
+    depth = torch.where(valid, measurements.sparse_depth, 0.0)
+    return Measurements(sparse_depth=depth, valid_mask=valid)
+
+
+def sample_uniform(measurements: Measurements, count: int, *, generator: Generator) -> Measurements:
+    """`count` of the measurements, drawn without replacement; all where there are no more.
+
+    A fraction of the image is `fraction_to_count` pixels.
+    """
+    candidates = measurements.valid_mask.flatten().nonzero()[:, 0]
+    order = torch.randperm(len(candidates), generator=generator)
+    chosen = torch.zeros(measurements.valid_mask.numel(), dtype=torch.bool)
+    chosen[candidates[order[:count]]] = True
+    return keep(measurements, chosen.view_as(measurements.valid_mask))
+
+
+def fraction_to_count(fraction: float, size: tuple[int, int]) -> int:
+    """How many pixels of an image of `size` (height, width) a fraction is (the paper: 5 %).
+
+    Raises InputError unless 0 < fraction <= 1.
+    """
+    if not 0 < fraction <= 1:
+        raise InputError(f"the fraction of samples must be in (0, 1], not {fraction}")
+    return round(fraction * size[0] * size[1])
+
+
+def erase_rectangle(measurements: Measurements, rows: slice, columns: slice) -> Measurements:
+    """Without the measurements in a rectangle."""
+    outside = torch.ones_like(measurements.valid_mask)
+    outside[rows, columns] = False
+    return keep(measurements, outside)
+
+
+def limit_range(measurements: Measurements, max_depth: float) -> Measurements:
+    """Without the measurements beyond `max_depth` [m]."""
+    return keep(measurements, measurements.sparse_depth <= max_depth)
+
+
+def scan_lines(measurements: Measurements, lines: int, *, generator: Generator) -> Measurements:
+    """Only `lines` image rows, evenly spaced from a random start: a spinning LiDAR.
+
+    Lines of equal elevation are taken as straight rows, which holds near the optical axis.
+
+    Raises InputError unless there is at least one line and a row for each.
+    """
+    height = measurements.valid_mask.shape[0]
+    if not 1 <= lines <= height:
+        raise InputError(f"an image of {height} rows cannot have {lines} scan lines")
+    start = torch.rand((), generator=generator, dtype=torch.float64)
+    rows = ((torch.arange(lines, dtype=torch.float64) + start) * height / lines).long()
+    on_line = torch.zeros_like(measurements.valid_mask)
+    on_line[rows] = True
+    return keep(measurements, on_line)
+
+
+def remove_blobs(measurements: Measurements, count: int, *, generator: Generator) -> Measurements:
+    """Without `count` ellipses of random place and angle: objects that a sensor cannot see.
+
+    Half axes are uniform in 10 to 30 % of the image's shorter side; centres lie in the image.
+    """
+    height, width = measurements.valid_mask.shape
+    y = torch.arange(height, dtype=torch.float64)[:, None]
+    x = torch.arange(width, dtype=torch.float64)[None, :]
+    seen = torch.ones_like(measurements.valid_mask)
+    for draw in torch.rand(count, 5, generator=generator, dtype=torch.float64).tolist():
+        center_y, center_x, angle = draw[0] * height, draw[1] * width, draw[2] * math.pi
+        a, b = ((0.1 + 0.2 * part) * min(height, width) for part in draw[3:])
+        along = (x - center_x) * math.cos(angle) + (y - center_y) * math.sin(angle)
+        across = (y - center_y) * math.cos(angle) - (x - center_x) * math.sin(angle)
+        seen &= (along / a) ** 2 + (across / b) ** 2 > 1
+    return keep(measurements, seen)
+
+
+def add_noise(measurements: Measurements, sigma: float, *, generator: Generator) -> Measurements:
+    """Gaussian noise with a standard deviation of `sigma` times the depth.
+
+    A measurement that the noise makes zero or negative is dropped.
+    """
+    noise = torch.randn(measurements.sparse_depth.shape, generator=generator)
+    noisy = measurements.sparse_depth * (1 + sigma * noise)
+    return keep(replace(measurements, sparse_depth=noisy), noisy > 0)
+
+
+def add_outliers(
+    measurements: Measurements,
+    fraction: float,
+    *,
+    generator: Generator,
+    low: float = 0.3,
+    high: float = 10.0,
+) -> Measurements:
+    """Replaces a random fraction of the measurements by depths uniform in [low, high] m.
+
+    Raises InputError unless 0 <= fraction <= 1.
+    """
+    if not 0 <= fraction <= 1:
+        raise InputError(f"the fraction of outliers must be in [0, 1], not {fraction}")
+    count = round(fraction * int(measurements.valid_mask.sum()))
+    hit = sample_uniform(measurements, count, generator=generator).valid_mask
+    wrong = low + (high - low) * torch.rand(hit.shape, generator=generator)
+    depth = torch.where(hit, wrong, measurements.sparse_depth)
+    return keep(replace(measurements, sparse_depth=depth), measurements.valid_mask)

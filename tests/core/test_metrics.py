@@ -1,0 +1,161 @@
+import math
+from dataclasses import asdict
+from random import Random
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+from sklearn.metrics import (
+    mean_absolute_error,
+    mean_absolute_percentage_error,
+    root_mean_squared_error,
+)
+
+from steered_marigold.core.metrics import (
+    DepthMetrics,
+    depth_errors,
+    exact_mean,
+    uncertainty_errors,
+)
+from steered_marigold.errors import InputError
+
+Images = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+seeds = st.integers(0, 2**31)
+
+
+def images(seed: int, count: int = 1, *, negative: bool = False) -> Images:
+    """Predictions, truths and masks [count, 6, 8]; predictions partly below zero if asked."""
+    generator = torch.Generator().manual_seed(seed)
+    truth = 0.3 + 9 * torch.rand(count, 6, 8, generator=generator)
+    prediction = truth * (0.5 + torch.rand(count, 6, 8, generator=generator))
+    if negative:
+        prediction -= 2
+    mask = torch.rand(count, 6, 8, generator=generator) < 0.7
+    mask[:, 0, 0] = True
+    return prediction, truth, mask
+
+
+@settings(deadline=None)
+@given(seeds)
+def test_agrees_with_scikit_learn_and_numpy(seed: int) -> None:
+    prediction, truth, mask = (x[0] for x in images(seed))
+    errors = depth_errors(prediction, truth, mask)
+    d, g = prediction[mask].double().numpy(), truth[mask].double().numpy()
+    assert errors.rmse_m == pytest.approx(root_mean_squared_error(g, d), abs=1e-6)
+    assert errors.mae_m == pytest.approx(mean_absolute_error(g, d), abs=1e-6)
+    assert errors.abs_rel == pytest.approx(mean_absolute_percentage_error(g, d), abs=1e-6)
+    assert errors.imae_per_km == pytest.approx(1000 * mean_absolute_error(1 / g, 1 / d), rel=1e-9)
+    assert errors.irmse_per_km == pytest.approx(
+        1000 * root_mean_squared_error(1 / g, 1 / d), rel=1e-9
+    )
+    for power, delta in enumerate((errors.delta1, errors.delta2, errors.delta3), start=1):
+        inliers = sum(max(p / t, t / p) < 1.25**power for p, t in zip(d, g, strict=True))
+        assert delta == pytest.approx(inliers / len(d), abs=1e-12)
+
+
+@settings(deadline=None)
+@given(seeds)
+def test_laws(seed: int) -> None:
+    prediction, truth, mask = (x[0] for x in images(seed, negative=True))
+    errors = depth_errors(prediction, truth, mask)
+    assert errors.rmse_m >= errors.mae_m
+    assert errors.delta1 <= errors.delta2 <= errors.delta3
+    perfect = depth_errors(truth, truth, mask)
+    assert (perfect.rmse_m, perfect.abs_rel, perfect.delta1) == (0, 0, 1)
+    elsewhere = torch.where(mask, prediction, torch.nan)
+    assert depth_errors(elsewhere, truth, mask) == errors
+
+
+def test_a_negative_prediction_is_an_outlier_except_officially() -> None:
+    prediction = torch.tensor([[-1.0, 0.0, 2.0, 1.0]])
+    truth, mask = torch.tensor([[2.0, 2.0, 2.0, 2.0]]), torch.ones(1, 4, dtype=torch.bool)
+    ours = depth_errors(prediction, truth, mask)
+    official = depth_errors(prediction, truth, mask, official=True)
+    assert (ours.delta1, ours.delta2, ours.delta3) == (0.25, 0.25, 0.25)
+    assert (official.delta1, official.delta2, official.delta3) == (0.5, 0.5, 0.5)
+    assert math.isinf(ours.irmse_per_km)
+    assert ours.rmse_m == official.rmse_m
+
+
+@settings(deadline=None)
+@given(seeds, st.integers(2, 9), st.randoms())
+def test_merged_shards_equal_the_whole_exactly(seed: int, count: int, random: Random) -> None:
+    batch = images(seed, count, negative=True)
+    whole = DepthMetrics()
+    whole.update(*batch)
+    shards = []
+    for index in range(count):
+        shard = DepthMetrics()
+        shard.update(*(x[index : index + 1] for x in batch))
+        shards.append(shard)
+    random.shuffle(shards)
+    merged = DepthMetrics()
+    for shard in shards:
+        merged.merge(shard)
+    assert asdict(merged.compute()) == asdict(whole.compute())
+
+
+def test_each_image_counts_once() -> None:
+    metrics = DepthMetrics()
+    truth, mask = torch.ones(2, 1, 4), torch.ones(2, 1, 4, dtype=torch.bool)
+    mask[1, 0, 1:] = False
+    metrics.update(torch.stack((truth[0] + 1, truth[1] + 3)), truth, mask)
+    assert metrics.compute().mae_m == pytest.approx(2.0)
+
+
+def test_exact_mean_keeps_what_a_plain_sum_loses() -> None:
+    values = [1e16, 1.0, -1e16]
+    assert exact_mean(values) == 1 / 3
+
+
+@settings(deadline=None)
+@given(seeds)
+def test_uncertainty_against_plain_definitions(seed: int) -> None:
+    prediction, truth, mask = (x[0] for x in images(seed))
+    generator = torch.Generator().manual_seed(seed + 1)
+    sigma = torch.randint(1, 6, truth.shape, generator=generator) / 4  # with ties
+    errors = uncertainty_errors(prediction, sigma, truth, mask)
+    e = (prediction - truth).abs()[mask].double().numpy()
+    s = sigma[mask].double().numpy()
+    if len(np.unique(s)) > 1:
+        assert errors.spearman == pytest.approx(spearmanr(s, e).statistic, abs=1e-9)
+    assert errors.coverage90 == pytest.approx(np.mean(e <= 1.645 * s))
+
+
+def test_ause_by_hand() -> None:
+    truth, mask = torch.ones(1, 4), torch.ones(1, 4, dtype=torch.bool)
+    prediction = truth + torch.tensor([[1.0, 2.0, 3.0, 4.0]])
+    reverse = torch.tensor([[4.0, 3.0, 2.0, 1.0]])
+    kept = [4 - 1, (4 + 3) / 2 - 1.5, 3 - 2, 0]  # MAE of the 1, 2, 3, 4 surest less the oracle's
+    errors = uncertainty_errors(prediction, reverse, truth, mask)
+    assert errors.ause == pytest.approx(sum(kept) / 4 / 2.5)
+    assert errors.spearman == pytest.approx(-1)
+
+
+@settings(deadline=None)
+@given(seeds)
+def test_the_error_itself_is_the_perfect_uncertainty(seed: int) -> None:
+    prediction, truth, mask = (x[0] for x in images(seed))
+    perfect = uncertainty_errors(prediction, (prediction - truth).abs(), truth, mask)
+    assert perfect.ause == pytest.approx(0, abs=1e-5)
+    assert perfect.coverage90 == 1
+    constant = uncertainty_errors(prediction, torch.ones_like(truth), truth, mask)
+    assert constant.spearman == 0
+    assert constant.ause >= perfect.ause
+
+
+def test_bad_input() -> None:
+    prediction, truth, mask = (x[0] for x in images(0))
+    with pytest.raises(InputError, match="no pixel"):
+        depth_errors(prediction, truth, torch.zeros_like(mask))
+    with pytest.raises(InputError, match="positive"):
+        depth_errors(prediction, truth - 20, mask)
+    with pytest.raises(InputError, match="not finite"):
+        depth_errors(prediction * torch.inf, truth, mask)
+    with pytest.raises(InputError, match="uncertainty"):
+        uncertainty_errors(prediction, prediction * torch.nan, truth, mask)
+    with pytest.raises(InputError, match="no images"):
+        DepthMetrics().compute()
