@@ -1,0 +1,58 @@
+"""What the HDF5 data sets share; h5py is an optional dependency."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from steered_marigold.datasets.dataset import check_sizes
+from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.errors import FileFormatError, MissingExtraError
+from steered_marigold.io.files import decoding, require_file
+
+
+@contextmanager
+def open_hdf5(path: Path, keys: tuple[str, ...]) -> Iterator[Any]:
+    """The opened file, an `h5py.File` that holds the data sets `keys`.
+
+    Raises FileFormatError if it is missing or damaged or lacks one of the keys, also for whatever
+    fails inside the block; MissingExtraError without h5py.
+    """
+    try:
+        import h5py  # an extra
+    except ImportError as error:
+        raise MissingExtraError("eval", "h5py") from error
+    with decoding(require_file(path)), h5py.File(path, "r") as file:
+        absent = [key for key in keys if key not in file]
+        if absent:
+            raise FileFormatError(f"{path}: holds no {absent[0]!r}; is it the right file?")
+        yield file
+
+
+def sample_from_arrays(
+    where: Path,
+    frame_id: str,
+    image: UInt8[np.ndarray, "height width 3"],
+    depth: Float[np.ndarray, "depth_height depth_width"],
+    K: Float[Tensor, "3 3"],
+) -> RgbdSample:
+    """A frame from its arrays; depth that is zero, negative or not finite was not measured.
+
+    Raises SizeMismatchError, naming `where`, if they differ in size.
+    """
+    depth_m = torch.from_numpy(np.ascontiguousarray(depth, dtype=np.float32))
+    picture = torch.from_numpy(np.ascontiguousarray(image))
+    check_sizes(where, picture, depth_m)
+    valid = torch.isfinite(depth_m) & (depth_m > 0)
+    return RgbdSample(
+        frame_id=frame_id,
+        image=picture,
+        depth=torch.where(valid, depth_m, 0.0),
+        valid_mask=valid,
+        K=K.clone(),
+    )
