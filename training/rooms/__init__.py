@@ -1,0 +1,1 @@
+"""Procedural indoor RGB-D frames: random rooms, ray-cast with Embree."""
