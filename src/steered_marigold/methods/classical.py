@@ -1,4 +1,4 @@
-"""What the methods without weights share: the checks, the record, NumPy in between."""
+"""What the methods without weights share: one check, one record, NumPy in between."""
 
 from abc import ABC, abstractmethod
 
@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.errors import NoMeasurementsError, SizeMismatchError
+from steered_marigold.errors import NoMeasurementsError
 
 
 class ClassicalCompleter(ABC):
@@ -25,12 +25,7 @@ class ClassicalCompleter(ABC):
         *,
         generator: torch.Generator | None = None,
     ) -> DepthCompletion:
-        """See `DepthCompleter.complete`; also raises SizeMismatchError."""
-        if not image.shape[:2] == sparse_depth.shape == valid_mask.shape:
-            raise SizeMismatchError(
-                f"image {tuple(image.shape[:2])}, sparse_depth {tuple(sparse_depth.shape)} and "
-                f"valid_mask {tuple(valid_mask.shape)} must agree in height and width"
-            )
+        """See `DepthCompleter.complete`."""
         if not valid_mask.any():
             raise NoMeasurementsError(f"{self.name}: no pixel of valid_mask is True")
         mask = valid_mask.numpy(force=True)

@@ -1,0 +1,75 @@
+"""What holds for every method without weights."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from torch import Tensor
+
+from steered_marigold.errors import NoMeasurementsError
+from steered_marigold.methods.classical import ClassicalCompleter
+from steered_marigold.methods.inpainting import ColorizationCompleter, OpenCvInpainter
+from steered_marigold.methods.interpolation import LinearCompleter, NearestCompleter
+from steered_marigold.methods.ip_basic import IpBasicCompleter
+from steered_marigold.methods.protocol import DepthCompleter
+
+SHAPE = (17, 23)
+METHODS = [
+    NearestCompleter(),
+    LinearCompleter(),
+    IpBasicCompleter(),
+    OpenCvInpainter("telea"),
+    OpenCvInpainter("navier-stokes"),
+    ColorizationCompleter(),
+]
+each_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: str(method.name))
+
+
+def frame(seed: int) -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    image = torch.randint(0, 256, (*SHAPE, 3), dtype=torch.uint8, generator=generator)
+    return image, 0.5 + 8 * torch.rand(SHAPE, generator=generator)
+
+
+@each_method
+def test_satisfies_the_protocol(method: ClassicalCompleter) -> None:
+    assert isinstance(method, DepthCompleter)
+
+
+@each_method
+@settings(max_examples=30, deadline=None)
+@given(
+    mask=arrays.arrays(np.bool_, SHAPE, fill=st.just(False)).filter(np.any), seed=st.integers(0, 9)
+)
+def test_stays_within_the_measured_range(
+    method: ClassicalCompleter, mask: np.ndarray, seed: int
+) -> None:
+    image, depth = frame(seed)
+    measured = torch.from_numpy(mask)
+    completion = method.complete(image, torch.where(measured, depth, torch.nan), measured)
+    assert completion.depth.shape == (1, *SHAPE)
+    assert completion.depth.min() >= depth[measured].min() - 1e-4
+    assert completion.depth.max() <= depth[measured].max() + 1e-4
+    assert torch.equal(completion.measured[0], measured)
+
+
+@each_method
+@pytest.mark.parametrize("points", [[(3, 4)], [(3, 4), (9, 20)], [(5, x) for x in range(2, 9)]])
+def test_one_two_or_collinear_measurements_suffice(
+    method: ClassicalCompleter, points: list[tuple[int, int]]
+) -> None:
+    image, _ = frame(0)
+    mask = torch.zeros(SHAPE, dtype=torch.bool)
+    for row, column in points:
+        mask[row, column] = True
+    depth = method.complete(image, torch.full(SHAPE, 2.5), mask).depth
+    torch.testing.assert_close(depth, torch.full((1, *SHAPE), 2.5), atol=1e-4, rtol=0)
+
+
+@each_method
+def test_refuses_a_frame_without_measurements(method: ClassicalCompleter) -> None:
+    image, depth = frame(0)
+    with pytest.raises(NoMeasurementsError, match=method.name):
+        method.complete(image, depth, torch.zeros(SHAPE, dtype=torch.bool))

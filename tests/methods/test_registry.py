@@ -1,0 +1,61 @@
+import subprocess
+import sys
+
+import pytest
+
+from steered_marigold.errors import InputError
+from steered_marigold.methods.inpainting import OpenCvInpainter
+from steered_marigold.methods.ip_basic import IpBasicCompleter
+from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.registry import METHODS, create_method
+
+CLASSICAL = ("nearest", "linear", "ip-basic", "telea", "navier-stokes", "colorization")
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_creates_each_classical_method_under_its_name(name: str) -> None:
+    method = create_method(name)
+    assert name in METHODS
+    assert isinstance(method, DepthCompleter)
+    assert method.name == name
+
+
+def test_settings_take_the_type_of_the_argument() -> None:
+    ip_basic = create_method("ip-basic@max_depth=20")
+    assert isinstance(ip_basic, IpBasicCompleter)
+    assert ip_basic.max_depth == 20.0
+    assert isinstance(ip_basic.max_depth, float)
+    telea = create_method("telea@radius_px=5")
+    assert isinstance(telea, OpenCvInpainter)
+    assert telea.radius_px == 5.0
+
+
+def test_an_unknown_method_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"'bilinear'.*nearest, linear, .*completionformer"):
+        create_method("bilinear")
+
+
+@pytest.mark.parametrize("name", ["ip-basic@radius=3", "ip-basic@checkpoint=x", "ip-basic@name=x"])
+def test_an_unknown_setting_is_refused_with_the_known_ones(name: str) -> None:
+    with pytest.raises(InputError, match=r"ip-basic has no setting .* it has: max_depth$"):
+        create_method(name)
+
+
+def test_what_a_name_implies_is_no_setting() -> None:
+    with pytest.raises(InputError, match=r"telea has no setting 'algorithm'"):
+        create_method("telea@algorithm=navier-stokes")
+
+
+@pytest.mark.parametrize("value", ["far", "", "1m"])
+def test_a_value_of_another_type_is_refused(value: str) -> None:
+    with pytest.raises(InputError, match=r"max_depth=.* float"):
+        create_method(f"ip-basic@max_depth={value}")
+
+
+def test_importing_the_registry_imports_no_method() -> None:
+    code = (
+        "import sys, steered_marigold.methods.registry;"
+        "print([m for m in ('cv2', 'scipy', 'diffusers', 'transformers') if m in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.strip() == "[]", result.stderr
