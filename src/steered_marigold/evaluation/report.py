@@ -1,0 +1,159 @@
+"""The files of a finished run: figures, tables, and a page to look at."""
+
+import base64
+import json
+from collections.abc import Iterator, Mapping
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from steered_marigold.evaluation.pictures import complete_examples, frame_picture
+from steered_marigold.evaluation.runner import Evaluator, Run
+from steered_marigold.evaluation.settings import MethodFactory
+from steered_marigold.evaluation.summary import (
+    compare,
+    image_values,
+    reference_method,
+    write_summary,
+)
+from steered_marigold.evaluation.tables import (
+    Table,
+    area_table,
+    comparison_table,
+    to_html,
+    to_latex,
+    to_markdown,
+)
+from steered_marigold.io.files import atomic_write
+
+_EXTREMES = 2
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 1500px; padding: 0 1em }
+table { border-collapse: collapse; margin: 1em 0 }
+th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #ddd }
+th:first-child, td:first-child { text-align: left }
+td small { display: block; color: #777 }
+.best { font-weight: bold } .published { font-style: italic; color: #555 }
+img { max-width: 100% } pre { background: #f6f6f6; padding: 1em; overflow: auto }
+"""
+
+
+def write_outputs(run: Run, folder: Path, *, create: MethodFactory | None = None) -> None:
+    """Writes summary.json, per_image.csv, comparisons.csv, table.md, table.tex and report.html.
+
+    The report's pictures need the answers to a few frames once more: `create` makes the methods,
+    as in `run_evaluation`.
+    """
+    summary = write_summary(run, folder)
+    tables = [area_table(run.settings, summary["rows"], a) for a in run.settings.protocol.areas]
+    reference = reference_method(run)
+    compared = [
+        comparison_table(compare(run, reference, area=a), a) for a in run.settings.protocol.areas
+    ]
+    _write(folder / "table.md", _markdown(run, tables, compared))
+    _write(folder / "table.tex", to_latex(tables))
+    pictures = _extreme_pictures(run, create)
+    _write(folder / "report.html", _html(run, summary, tables, compared, pictures))
+
+
+def extreme_frames(run: Run) -> dict[str, str]:
+    """The worst and the best frames of the reference method, and what to say of each."""
+    area = run.settings.protocol.focus
+    values = image_values(run, reference_method(run), area, "abs_rel")
+    ranked = sorted(values, key=lambda frame_id: (-values[frame_id], frame_id))
+    worst, best = ranked[:_EXTREMES], ranked[_EXTREMES:][-_EXTREMES:]
+    return {
+        frame_id: f"{kind} frame {frame_id}: REL {values[frame_id]:.4f} in {area}"
+        for kind, frames in (("worst", worst), ("best", best[::-1]))
+        for frame_id in frames
+    }
+
+
+def _extreme_pictures(run: Run, create: MethodFactory | None) -> dict[str, Figure]:
+    """Pictures of the extreme frames by their captions."""
+    captions = extreme_frames(run)
+    evaluator = Evaluator(run.settings, create)
+    answers = complete_examples(evaluator, run.results, list(captions))
+    return {
+        caption: frame_picture(evaluator.prepare(frame_id), answers[frame_id])
+        for frame_id, caption in captions.items()
+    }
+
+
+def _markdown(run: Run, tables: list[Table], compared: list[Table]) -> str:
+    parts = [_headline(run), *_remarks(run)]
+    for title, table in _sections(run, tables, compared):
+        parts += [f"### {title}", to_markdown(table)]
+    parts += [f"- {line}" for line in _missing(run)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _html(
+    run: Run,
+    summary: Mapping[str, Any],
+    tables: list[Table],
+    compared: list[Table],
+    pictures: Mapping[str, Figure],
+) -> str:
+    parts = [f"<h1>{escape(_headline(run))}</h1>"]
+    parts += [f"<p>{escape(remark)}</p>" for remark in _remarks(run)]
+    for title, table in _sections(run, tables, compared):
+        parts += [f"<h2>{escape(title)}</h2>", to_html(table)]
+    missing = "".join(f"<li>{escape(line)}</li>" for line in _missing(run))
+    parts += [f"<h2>Not in the tables</h2><ul>{missing}</ul>"] if missing else []
+    for caption, picture in pictures.items():
+        parts += [
+            f"<h2>{escape(caption)}</h2>",
+            f'<img alt="{escape(caption)}" src="{_data(picture)}">',
+        ]
+    parts += [f"<h2>Settings</h2><pre>{escape(json.dumps(summary['run'], indent=1))}</pre>"]
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(_headline(run))}'
+        f"</title><style>{_STYLE}</style>\n" + "\n".join(parts) + "\n</html>\n"
+    )
+
+
+def _headline(run: Run) -> str:
+    settings = run.settings
+    return f"{settings.dataset}, {settings.protocol.name}, {len(settings.frames)} frames"
+
+
+def _remarks(run: Run) -> list[str]:
+    """What a reader of the tables needs to know."""
+    remarks = ["In brackets: 95 % bootstrap interval over images. Bold: best of the measured rows."]
+    if run.settings.official_metrics:
+        remarks.append("δ1 as in the authors' script: a negative prediction counts as an inlier.")
+    named = {label: run.settings.method_name(label) for label in run.results}
+    remarks += [f"{label} is {name}." for label, name in named.items() if label != name]
+    return remarks
+
+
+def _sections(run: Run, tables: list[Table], compared: list[Table]) -> Iterator[tuple[str, Table]]:
+    """All tables with their titles."""
+    for table in tables:
+        yield f"Area {table.area}", table
+    for table in compared:
+        if table.rows:
+            title = f"Paired difference to {reference_method(run)}, area {table.area}"
+            yield f"{title} (bold: the interval leaves out 0)", table
+
+
+def _missing(run: Run) -> list[str]:
+    """What has no figures, and why."""
+    failed = [f"{x.method}, frame {x.frame_id} failed: {x.error}" for x in run.failures]
+    return failed + [f"{method} was left out: {why}" for method, why in run.left_out.items()]
+
+
+def _data(picture: Figure) -> str:
+    """A figure as a data URL."""
+    buffer = BytesIO()
+    picture.savefig(buffer, format="jpeg", pil_kwargs={"quality": 85})
+    return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+
+
+def _write(path: Path, text: str) -> None:
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,101 @@
+"""What a run records of each completed image, on disk as soon as it is known."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.metrics import depth_errors, uncertainty_errors
+from steered_marigold.errors import FileFormatError, InputError
+from steered_marigold.evaluation.protocol import PreparedFrame
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageResult:
+    """One method on one image.
+
+    areas: by area, `valid_pixels`, the fields of DepthErrors and, if the method states its
+        uncertainty, those of UncertaintyErrors. Areas without pixels are left out.
+    seconds: time of `complete` alone. trusted_fraction: share of the measurements that the method
+        believed. max_deviation_m: largest change of a believed measurement [m]; None if none was.
+    error: why there is no answer; all else is then empty.
+    """
+
+    method: str
+    frame_id: str
+    areas: Mapping[str, Mapping[str, float]]
+    seconds: float | None = None
+    trusted_fraction: float | None = None
+    max_deviation_m: float | None = None
+    error: str | None = None
+
+
+def score(
+    completion: DepthCompletion,
+    frame: PreparedFrame,
+    *,
+    method: str,
+    seconds: float,
+    official: bool = False,
+) -> ImageResult:
+    """The errors of a completion in each area of the frame.
+
+    Raises InputError if the answer is not metric or not finite in a scored pixel.
+    """
+    if not completion.metric:
+        raise InputError(f"{method} gave relative depth, which has no error in metres")
+    depth = completion.depth[0].cpu()
+    areas: dict[str, dict[str, float]] = {}
+    for name, mask in frame.areas.items():
+        if not mask.any():
+            continue
+        errors = asdict(depth_errors(depth, frame.depth, mask, official=official))
+        if completion.uncertainty is not None:
+            sigma = completion.uncertainty[0].cpu()
+            errors |= asdict(uncertainty_errors(depth, sigma, frame.depth, mask))
+        areas[name] = {"valid_pixels": int(mask.sum()), **errors}
+    measured, trusted = completion.measured[0].cpu(), completion.trusted[0].cpu()
+    deviation = (depth - frame.measurements.sparse_depth)[trusted & measured].abs()
+    return ImageResult(
+        method=method,
+        frame_id=frame.frame_id,
+        areas=areas,
+        seconds=seconds,
+        trusted_fraction=int((trusted & measured).sum()) / max(int(measured.sum()), 1),
+        max_deviation_m=float(deviation.max()) if deviation.numel() else None,
+    )
+
+
+class ResultLog:
+    """A file of one result a line, each on disk before the next image is begun.
+
+    A line that a kill cut short is dropped when the file is opened again.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def read(self) -> dict[tuple[str, str], ImageResult]:
+        """Results by method and frame id, the last one where there are several."""
+        if not self.path.is_file():
+            return {}
+        content = self.path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        if whole != content:
+            os.truncate(self.path, len(whole))
+        try:
+            results = [ImageResult(**json.loads(line)) for line in whole.splitlines()]
+        except (ValueError, TypeError) as error:
+            raise FileFormatError(
+                f"{self.path}: is not a log of results ({error}); run again with --overwrite"
+            ) from error
+        return {(result.method, result.frame_id): result for result in results}
+
+    def append(self, result: ImageResult) -> None:
+        """Adds a result; returns when it is on disk."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(result)) + "\n")
+            file.flush()
+            os.fsync(file.fileno())

@@ -1,0 +1,221 @@
+"""Runs methods on frames, in this process or in several, and remembers each answer's errors."""
+
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from time import perf_counter
+
+import torch
+
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
+from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator, prepare
+from steered_marigold.evaluation.results import ImageResult, ResultLog, score
+from steered_marigold.evaluation.settings import MethodFactory, RunSettings
+from steered_marigold.io.files import atomic_write
+from steered_marigold.methods.protocol import DepthCompleter
+
+Task = tuple[str, str]
+OnResult = Callable[[ImageResult, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A finished run: results of all methods that could run, by method, in order of frame id.
+
+    left_out: why a method could not run, by method.
+    """
+
+    settings: RunSettings
+    results: dict[str, list[ImageResult]]
+    left_out: dict[str, str]
+    workers: int
+    threads_per_worker: int
+
+    @property
+    def failures(self) -> list[ImageResult]:
+        """Images without an answer."""
+        return [result for results in self.results.values() for result in results if result.error]
+
+
+class Evaluator:
+    """Completes and scores one image after the other; keeps the last method that it used.
+
+    create: makes a method from its name, by default `create_method` with the run's settings.
+    """
+
+    def __init__(self, settings: RunSettings, create: MethodFactory | None = None) -> None:
+        self.settings = settings
+        self._dataset = settings.open_dataset()
+        self._create = create or settings.method_factory()
+        self._method: tuple[str, DepthCompleter] | None = None
+
+    def prepare(self, frame_id: str) -> PreparedFrame:
+        """The frame as methods see it."""
+        sample = self._dataset.load(frame_id)
+        return prepare(sample, self.settings.protocol, seed=self.settings.seed)
+
+    def method(self, label: str) -> DepthCompleter:
+        """The method of a row of the tables; the one before it is let go of."""
+        if self._method is None or self._method[0] != label:
+            self._method = None  # two checkpoints may not fit into memory
+            self._method = label, self._create(self.settings.method_name(label))
+        return self._method[1]
+
+    def complete(self, label: str, frame: PreparedFrame) -> DepthCompletion:
+        """The method's answer; all methods draw from the same random numbers of the frame."""
+        return self.method(label).complete(
+            frame.image,
+            frame.measurements.sparse_depth,
+            frame.measurements.valid_mask,
+            frame.K,
+            generator=frame_generator(self.settings.seed, frame.frame_id, "method"),
+        )
+
+    def evaluate(self, label: str, frame_id: str) -> ImageResult:
+        """The errors of one image; whatever goes wrong with it is part of the result."""
+        self.method(label)
+        try:
+            frame = self.prepare(frame_id)
+            started = perf_counter()
+            completion = self.complete(label, frame)
+            seconds = perf_counter() - started
+            official = self.settings.official_metrics
+            return score(completion, frame, method=label, seconds=seconds, official=official)
+        except Exception as error:  # one bad image must not end a run of hours
+            message = str(error) if isinstance(error, SteeredMarigoldError) else repr(error)
+            return ImageResult(method=label, frame_id=frame_id, areas={}, error=message)
+
+
+def run_evaluation(
+    settings: RunSettings,
+    folder: Path,
+    *,
+    create: MethodFactory | None = None,
+    workers: int = 1,
+    overwrite: bool = False,
+    on_result: OnResult = lambda result, done, total: None,
+) -> Run:
+    """Completes and scores every frame with every method, and keeps the results in `folder`.
+
+    A run that was stopped goes on where it was; images that failed are tried again. More frames
+    or methods may be added to a folder, all else must be the same. `create` must be picklable if
+    there are several workers. `on_result` gets each result, how many are done, and of how many.
+
+    Raises InputError if the folder holds another run (unless `overwrite`), CheckpointError if no
+    method can run, SteeredMarigoldError if a worker process died.
+    """
+    evaluator = Evaluator(settings, create)
+    left_out = _missing_methods(evaluator)
+    labels = [label for label in settings.methods if label not in left_out]
+    if not labels:
+        raise CheckpointError(f"no method can run: {'; '.join(left_out.values())}")
+    log = _open_log(settings, folder, overwrite=overwrite)
+    results = {task: result for task, result in log.read().items() if result.error is None}
+    wanted = [(label, frame) for label in labels for frame in settings.frames]
+    todo = [task for task in wanted if task not in results]
+    threads = max(1, torch.get_num_threads() // workers)
+    work = (
+        (evaluator.evaluate(*task) for task in todo)
+        if workers == 1
+        else _in_processes(todo, (settings, create, threads), workers)
+    )
+    for done, result in enumerate(work, start=len(wanted) - len(todo) + 1):
+        log.append(result)
+        results[result.method, result.frame_id] = result
+        on_result(result, done, len(wanted))
+    return Run(
+        settings=settings,
+        results={label: [results[label, frame] for frame in settings.frames] for label in labels},
+        left_out=left_out,
+        workers=workers,
+        threads_per_worker=threads,
+    )
+
+
+def _missing_methods(evaluator: Evaluator) -> dict[str, str]:
+    """Methods whose weights lack, and why; wrong names are told before any work."""
+    missing = {}
+    for label in reversed(evaluator.settings.methods):  # the first one is then ready
+        try:
+            evaluator.method(label)
+        except CheckpointError as error:
+            missing[label] = str(error)
+    return missing
+
+
+def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> ResultLog:
+    """The folder's log, after a check that it belongs to these settings."""
+    log, identity_file = ResultLog(folder / "results.jsonl"), folder / "run.json"
+    values = settings.to_json()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if overwrite:
+            log.path.unlink(missing_ok=True)
+        elif log.path.is_file() and identity_file.is_file():
+            before = json.loads(identity_file.read_text(encoding="utf-8"))
+            free = ("methods", "frames")
+            changed = [key for key in values if key not in free and before.get(key) != values[key]]
+            if changed:
+                raise InputError(
+                    f"{folder}: holds a run with another {', '.join(changed)}; "
+                    "choose another folder, or --overwrite"
+                )
+        with atomic_write(identity_file) as temporary:
+            temporary.write_text(json.dumps(values, indent=1), encoding="utf-8")
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{folder}: cannot hold a run ({error})") from error
+    return log
+
+
+def _in_processes(
+    tasks: Sequence[Task], worker: tuple[RunSettings, MethodFactory | None, int], workers: int
+) -> Iterator[ImageResult]:
+    """Results as they come. Workers end with this process, however it ends."""
+    pool = ProcessPoolExecutor(
+        max_workers=workers,
+        mp_context=get_context("spawn"),
+        initializer=_start_worker,
+        initargs=worker,
+    )
+    try:
+        for future in as_completed([pool.submit(_evaluate, task) for task in tasks]):
+            yield future.result()
+    except BrokenProcessPool as error:
+        raise SteeredMarigoldError(
+            "a worker process died, perhaps for lack of memory; the same command with fewer "
+            "--workers goes on from here"
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+_evaluator: Evaluator
+
+
+def _start_worker(settings: RunSettings, create: MethodFactory | None, threads: int) -> None:
+    global _evaluator
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends workers without their tracebacks
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    torch.set_num_threads(threads)
+    _evaluator = Evaluator(settings, create)
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _evaluate(task: Task) -> ImageResult:
+    return _evaluator.evaluate(*task)

@@ -1,0 +1,104 @@
+"""What a run is: everything that its figures depend on."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from steered_marigold.datasets.dataset import Dataset
+from steered_marigold.datasets.registry import open_dataset
+from steered_marigold.errors import FileFormatError
+from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.methods.protocol import DepthCompleter
+
+MethodFactory = Callable[[str], DepthCompleter]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """A run of methods on the frames of a data set under one protocol.
+
+    dataset, path, split, ground_truth, depth_scale, max_depth: see `open_dataset`.
+    methods: names for `create_method`, in the order of the tables. frames: frame ids, sorted.
+    official_metrics: the authors' delta, see `depth_errors`.
+    checkpoint, device, dtype, weights: see `create_method`; dtype by its name.
+    """
+
+    dataset: str
+    path: Path
+    split: str = "test"
+    ground_truth: str = "raw"
+    depth_scale: float | None = None
+    max_depth: float | None = None
+    protocol: Protocol
+    methods: tuple[str, ...]
+    frames: tuple[str, ...]
+    seed: int = 0
+    official_metrics: bool = False
+    checkpoint: str = "embedded"
+    device: str = "cpu"
+    dtype: str | None = None
+    weights: Mapping[str, Path] = field(default_factory=dict)
+
+    def open_dataset(self) -> Dataset:
+        """The data set. Raises what `open_dataset` raises."""
+        return open_dataset(
+            self.dataset,
+            self.path,
+            split=self.split,
+            ground_truth=self.ground_truth,
+            depth_scale=self.depth_scale,
+            max_depth=self.max_depth,
+        )
+
+    def method_factory(self) -> MethodFactory:
+        """Creates the methods by name."""
+        import torch
+
+        from steered_marigold.methods.registry import create_method
+
+        return partial(
+            create_method,
+            checkpoint=self.checkpoint,
+            device=self.device,
+            dtype=getattr(torch, self.dtype) if self.dtype else None,
+            weights=self.weights,
+        )
+
+    def method_name(self, label: str) -> str:
+        """What to create for a row of the tables.
+
+        Like the authors, preset `paper` aligns the condition by its minimum and maximum alone
+        under paper-uniform, and by least squares under paper-erased.
+        """
+        base, _, given = label.partition("@")
+        if base != "steered:paper" or self.protocol.kind != "paper-uniform":
+            return label
+        if "condition_alignment=" in given:
+            return label
+        return f"{base}@{','.join(filter(None, (given, 'condition_alignment=minmax')))}"
+
+    def to_json(self) -> dict[str, Any]:
+        """As values that JSON holds."""
+        return dict(json.loads(json.dumps(asdict(self), default=str)))
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "RunSettings":
+        """The inverse of to_json. Raises FileFormatError for anything else."""
+        try:
+            protocol = dict(values["protocol"])
+            protocol["masks"] = protocol["masks"] and Path(protocol["masks"])
+            return cls(
+                **{
+                    **values,
+                    "path": Path(values["path"]),
+                    "protocol": Protocol(**protocol),
+                    "methods": tuple(values["methods"]),
+                    "frames": tuple(values["frames"]),
+                    "weights": {name: Path(path) for name, path in values["weights"].items()},
+                }
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise FileFormatError(f"these are not the settings of a run ({error!r})") from error

@@ -1,0 +1,172 @@
+"""The figures of a run as tables: Markdown, LaTeX (booktabs) and, for the report, HTML."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import product
+from typing import Any
+
+from steered_marigold.evaluation.published import published_rows
+from steered_marigold.evaluation.settings import RunSettings
+from steered_marigold.evaluation.statistics import PairedDifference
+from steered_marigold.evaluation.summary import METRICS, UNCERTAINTY_METRICS
+
+_KITTI_COLUMNS = ("abs_rel", "delta1", "rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")
+_TITLES = {
+    "abs_rel": "REL ↓",
+    "delta1": "δ1 ↑",
+    "rmse_m": "RMSE [m] ↓",
+    "mae_m": "MAE [m] ↓",
+    "rmse_mm": "RMSE [mm] ↓",
+    "mae_mm": "MAE [mm] ↓",
+    "irmse_per_km": "iRMSE [1/km] ↓",
+    "imae_per_km": "iMAE [1/km] ↓",
+    "spearman": "Spearman ↑",
+    "ause": "AUSE ↓",
+    "coverage90": "coverage of 90 %",
+}
+_LATEX = str.maketrans(
+    {"δ": r"$\delta$", "↓": r"$\downarrow$", "↑": r"$\uparrow$", "–": "--", "%": r"\%", "_": r"\_"}
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure as text, its 95 % interval if there is one, and whether no row of ours is better."""
+
+    text: str
+    interval: str = ""
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """The rows of one area: first those of the run, then those of the paper."""
+
+    area: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    published: tuple[tuple[Cell, ...], ...]
+
+
+def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: str) -> Table:
+    """One area of a summary's rows; columns in the paper's order, then uncertainty and time."""
+    rows = [row for row in rows if row["area"] == area]
+    keys = [*(_KITTI_COLUMNS if settings.dataset == "kitti" else METRICS)]
+    keys += [key for key in UNCERTAINTY_METRICS if any(key in row for row in rows)]
+    best = {key: _best(key, [row[key] for row in rows if row.get(key) is not None]) for key in keys}
+    ours = [
+        (
+            Cell(row["method"]),
+            *(_cell(row, key, best[key]) for key in keys),
+            Cell(f"{row['images']}" + (f" ({row['failed']} failed)" if row["failed"] else "")),
+            Cell(_number(row["seconds_per_image"], 2)),
+        )
+        for row in rows
+    ]
+    published = [
+        (
+            Cell(f"{row.method}, {row.points} samples (published)"),
+            *(Cell(_number(getattr(row, key, None))) for key in keys),
+            Cell("654"),
+            Cell("–"),
+        )
+        for row in published_rows(settings, area)
+    ]
+    header = ("method", *(_TITLES[key] for key in keys), "images", "s / image")
+    return Table(area, header, tuple(ours), tuple(published))
+
+
+def comparison_table(compared: Mapping[tuple[str, str], PairedDifference], area: str) -> Table:
+    """Differences of methods to the reference; those whose interval leaves out 0 are marked."""
+    methods = dict.fromkeys(method for method, _ in compared)
+    cells = {
+        task: Cell(
+            f"{paired.difference:+.4f}",
+            f"{paired.low:+.4f}, {paired.high:+.4f}",
+            paired.significant,
+        )
+        for task, paired in compared.items()
+    }
+    rows = tuple(
+        (Cell(method), *(cells.get((method, key), Cell("–")) for key in METRICS))
+        for method in methods
+    )
+    return Table(area, ("method", *(_TITLES[key] for key in METRICS)), rows, ())
+
+
+def to_markdown(table: Table) -> str:
+    """A pipe table with intervals; best in bold, published rows in italics."""
+    lines = [_pipes(table.header), _pipes("---" for _ in table.header)]
+    for row in table.rows:
+        texts = (f"**{cell.text}**" if cell.best else cell.text for cell in row)
+        lines.append(
+            _pipes(
+                f"{text} [{cell.interval}]" if cell.interval else text
+                for text, cell in zip(texts, row, strict=True)
+            )
+        )
+    lines += [_pipes(f"*{cell.text}*" for cell in row) for row in table.published]
+    return "\n".join(lines) + "\n"
+
+
+def to_html(table: Table) -> str:
+    """The same for the report; intervals are in small type."""
+    lines = [f"<tr>{''.join(f'<th>{escape(title)}</th>' for title in table.header)}</tr>"]
+    for row, style in (*product(table.rows, [""]), *product(table.published, [" class=published"])):
+        cells = "".join(
+            f"<td{' class=best' if cell.best else ''}>{escape(cell.text)}"
+            f"{f'<small>{escape(cell.interval)}</small>' if cell.interval else ''}</td>"
+            for cell in row
+        )
+        lines.append(f"<tr{style}>{cells}</tr>")
+    return "<table>\n" + "\n".join(lines) + "\n</table>"
+
+
+def to_latex(tables: Sequence[Table]) -> str:
+    """All areas in one booktabs table, the paper's columns: no images, times and intervals."""
+    columns = tables[0].header[1:-2]
+    lines = [
+        rf"\begin{{tabular}}{{ll{'c' * len(columns)}}}",
+        r"\toprule",
+        _ampersands(("Method", "Evaluation area", *columns)),
+    ]
+    for table in tables:
+        lines.append(r"\midrule")
+        for row, style in (*product(table.rows, [""]), *product(table.published, ["textit"])):
+            name, *figures = row[:-2]
+            cells = (Cell(name.text), Cell(table.area), *figures)
+            lines.append(_ampersands(_latex(cell, style) for cell in cells))
+    lines += [r"\bottomrule", r"\end{tabular}"]
+    return "\n".join(lines) + "\n"
+
+
+def _latex(cell: Cell, style: str) -> str:
+    style = "textbf" if cell.best else style
+    return rf"\{style}{{{cell.text}}}" if style else cell.text
+
+
+def _ampersands(texts: Iterable[str]) -> str:
+    return " & ".join(text.translate(_LATEX) for text in texts) + r" \\"
+
+
+def _pipes(texts: Iterable[str]) -> str:
+    return f"| {' | '.join(texts)} |"
+
+
+def _cell(row: Mapping[str, Any], key: str, best: float | None) -> Cell:
+    value = row.get(key)
+    low, high = row["interval"].get(key, (None, None))
+    interval = "" if low is None else f"{_number(low)}, {_number(high)}"
+    return Cell(_number(value), interval, best is not None and value == best)
+
+
+def _best(key: str, values: Sequence[float]) -> float | None:
+    """The best value; none for a coverage, which is best at its nominal value."""
+    if key == "coverage90" or not values:
+        return None
+    return max(values) if "↑" in _TITLES[key] else min(values)
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
