@@ -1,0 +1,57 @@
+"""The command line. Nothing heavy is imported before a command runs: `--help` is quick."""
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from steered_marigold.cli import complete
+from steered_marigold.cli.messages import say_error
+from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
+
+
+class _OneLineErrors(TyperGroup):
+    """Errors that the package raises on purpose become one line and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except SteeredMarigoldError as error:
+            say_error(error)
+            callers_fault = isinstance(error, InputError | CheckpointError)
+            raise typer.Exit(2 if callers_fault else 1) from error
+
+
+app = typer.Typer(
+    cls=_OneLineErrors,
+    help="Dense metric depth from one image plus whatever depth a sensor managed to measure.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("complete")(complete.complete)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(version("steered-marigold"))
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Dense metric depth from one image plus whatever depth a sensor managed to measure."""
+
+
+def main() -> None:
+    """The `steered-marigold` command."""
+    app(prog_name="steered-marigold")
