@@ -17,7 +17,7 @@ NEIGHBOURS = 4
 
 def nearest_measured(
     measured: Bool[Tensor, "height width"],
-) -> tuple[Int64[Tensor, "{NEIGHBOURS} pixels"], Float[Tensor, "2 {NEIGHBOURS} pixels"]]:
+) -> tuple[Int64[Tensor, "4 pixels"], Float[Tensor, "2 4 pixels"]]:
     """The four nearest measured pixels of every pixel, itself included.
 
     Returns their row-major indices and their offsets (x, y) [px] from the pixel. Among equally

@@ -67,7 +67,7 @@ class Backbone(nn.Module):
         sparse_depth: Float[Tensor, "batch 1 height width"],
     ) -> tuple[
         Float[Tensor, "batch 1 height width"],
-        Float[Tensor, "batch {NEIGHBOURS} height width"],
+        Float[Tensor, "batch 8 height width"],
         Float[Tensor, "batch 1 height width"],
     ]:
         both = torch.cat((self.conv1_rgb(image), self.conv1_dep(sparse_depth)), dim=1)

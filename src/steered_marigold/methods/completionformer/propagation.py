@@ -57,7 +57,7 @@ class NonLocalPropagation(nn.Module):
     def forward(
         self,
         depth: Float[Tensor, "batch 1 height width"],
-        guidance: Float[Tensor, "batch {NEIGHBOURS} height width"],
+        guidance: Float[Tensor, "batch 8 height width"],
         confidence: Float[Tensor, "batch 1 height width"],
     ) -> Float[Tensor, "batch 1 height width"]:
         """confidence: of the depth, in [0, 1]."""
@@ -72,10 +72,10 @@ class NonLocalPropagation(nn.Module):
 
     def _normalize(
         self,
-        affinity: Float[Tensor, "batch {NEIGHBOURS} height width"],
-        shifts: Float[Tensor, "batch {NEIGHBOURS} 2 height width"],
+        affinity: Float[Tensor, "batch 8 height width"],
+        shifts: Float[Tensor, "batch 8 2 height width"],
         confidence: Float[Tensor, "batch 1 height width"],
-    ) -> Float[Tensor, "batch {NEIGHBOURS} height width"]:
+    ) -> Float[Tensor, "batch 8 height width"]:
         """TGASS weighted by confidence: absolute values that sum to at most 1."""
         affinity = torch.tanh(affinity / 100) / (self.aff_scale_const + 1e-8)
         # The weights were trained with confidence read at pixel + shift, without the tap's place
@@ -91,7 +91,7 @@ class NonLocalPropagation(nn.Module):
 
 
 def _insert_center(
-    around: Float[Tensor, "batch {NEIGHBOURS} *rest"], center: Float[Tensor, "batch 1 *rest"]
+    around: Float[Tensor, "batch 8 *rest"], center: Float[Tensor, "batch 1 *rest"]
 ) -> Float[Tensor, "batch taps *rest"]:
     before, after = around.chunk(2, dim=1)
     return torch.cat((before, center, after), dim=1)

@@ -1,0 +1,161 @@
+from ast import literal_eval
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steered_marigold.methods.completionformer import CompletionFormer
+from steered_marigold.methods.completionformer.propagation import (
+    NonLocalPropagation,
+    modulated_deform_conv,
+)
+from steered_marigold.methods.completionformer.pyramid import Attention, Pyramid, Stage
+
+
+def test_names_and_shapes_are_the_published_ones() -> None:
+    lines = (Path(__file__).parent / "state_dict.txt").read_text().splitlines()
+    published = {
+        name: literal_eval(shape) for name, shape in (line.split(" ", 1) for line in lines)
+    }
+    with torch.device("meta"):
+        network = CompletionFormer()
+    assert {name: tuple(value.shape) for name, value in network.state_dict().items()} == published
+    assert len(published) == 783
+    assert sum(parameter.numel() for parameter in network.parameters()) == 83_505_336
+
+
+@pytest.mark.parametrize(("height", "width"), [(228, 304), (448, 608), (252, 1216), (32, 37)])
+def test_sizes_that_are_no_multiples_of_32_need_no_padding(height: int, width: int) -> None:
+    with torch.device("meta"):
+        network = CompletionFormer().eval()
+        depth = network(torch.empty(1, 3, height, width), torch.empty(1, 1, height, width))
+    assert depth.shape == (1, 1, height, width)
+
+
+def test_pyramid_halves_five_times_and_rounds_down() -> None:
+    with torch.device("meta"):
+        outputs = Pyramid(64)(torch.empty(1, 64, 228, 304))
+    assert [tuple(output.shape[1:]) for output in outputs] == [
+        (64, 228, 304),
+        (128, 114, 152),
+        (64, 57, 76),
+        (128, 28, 38),
+        (320, 14, 19),
+        (512, 7, 9),
+    ]
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.sampled_from([1, 3]), st.integers(1, 5), st.integers(1, 5), st.integers(0, 999))
+def test_modulated_deform_conv_is_a_loop(side: int, height: int, width: int, seed: int) -> None:
+    generator = torch.Generator().manual_seed(seed)
+
+    def random(*size: int) -> torch.Tensor:
+        return torch.randn(*size, generator=generator, dtype=torch.float64)
+
+    x, bias, weight = random(2, 1, height, width), random(1), random(1, 1, side, side)
+    offsets = 3 * random(2, side**2, 2, height, width)
+    offsets[0] = offsets[0].round()
+    modulation = random(2, side**2, height, width)
+    expected = bias.expand(2, 1, height, width).clone()
+    for b, y, x_, i, j in np.ndindex(2, height, width, side, side):
+        tap = i * side + j
+        row = y + i - side // 2 + offsets[b, tap, 0, y, x_].item()
+        column = x_ + j - side // 2 + offsets[b, tap, 1, y, x_].item()
+        for v, u in np.ndindex(height, width):
+            share = max(0, 1 - abs(row - v)) * max(0, 1 - abs(column - u))
+            factor = weight[0, 0, i, j] * modulation[b, tap, y, x_]
+            expected[b, 0, y, x_] += factor * share * x[b, 0, v, u]
+    result = modulated_deform_conv(x, offsets, modulation, weight, bias)
+    torch.testing.assert_close(result, expected)
+
+
+@torch.no_grad()
+def propagation(seed: int) -> NonLocalPropagation:
+    """With shifts of some pixels and affinities that are not small."""
+    layer = NonLocalPropagation()
+    generator = torch.Generator().manual_seed(seed)
+    for parameter in layer.conv_offset_aff.parameters():
+        parameter.copy_(torch.randn(parameter.shape, generator=generator) / 4)
+        parameter[16:] *= 400
+    return layer
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_affinities_sum_to_at_most_one_in_size(seed: int) -> None:
+    layer, generator = propagation(seed), torch.Generator().manual_seed(seed)
+    affinity, shifts = (
+        300 * torch.randn(1, 8, 6, 7, generator=generator),
+        torch.zeros(1, 8, 2, 6, 7),
+    )
+    normalized = layer._normalize(affinity, shifts, torch.ones(1, 1, 6, 7))
+    size = normalized.abs().sum(dim=1)
+    assert (size <= 1).all()
+    # the tanh is scaled by gamma = 4, so sums below 1 stay as they are
+    small = layer._normalize(affinity / 1000, shifts, torch.ones(1, 1, 6, 7))
+    torch.testing.assert_close(small, torch.tanh(affinity / 100_000) / 4)
+
+
+@torch.no_grad()
+def test_no_confidence_no_propagation() -> None:
+    depth, guidance = torch.rand(2, 1, 9, 8), torch.randn(2, 8, 9, 8)
+    refined = propagation(0)(depth, guidance, torch.zeros(2, 1, 9, 8))
+    torch.testing.assert_close(refined, depth)
+    assert not torch.allclose(propagation(0)(depth, guidance, torch.ones(2, 1, 9, 8)), depth)
+
+
+@torch.no_grad()
+def test_constant_depth_stays_away_from_the_border() -> None:
+    layer, guidance = propagation(3), torch.rand(1, 8, 60, 60).clamp(max=0.5)
+    refined = layer(torch.full((1, 1, 60, 60), 2.0), guidance, torch.ones(1, 1, 60, 60))
+    torch.testing.assert_close(refined[..., 28:32, 28:32], torch.full((1, 1, 4, 4), 2.0))
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_attention_is_a_softmax_over_the_reduced_map(reduction: int) -> None:
+    attention = Attention(8, Stage(heads=2, blocks=1, expansion=1, reduction=reduction, grid=1))
+    x = torch.randn(1, 8, 5, 4)
+    tokens = x.flatten(2).transpose(1, 2)
+    source = tokens
+    if reduction > 1:
+        source = attention.norm(attention.sr(x).flatten(2).transpose(1, 2))
+    query, (key, value) = attention.q(tokens), attention.kv(source).split(8, dim=-1)
+    heads = []
+    for head in (slice(0, 4), slice(4, 8)):
+        scores = query[..., head] @ key[..., head].transpose(1, 2) / 4**0.5
+        heads.append(scores.softmax(dim=-1) @ value[..., head])
+    expected = attention.proj(torch.cat(heads, dim=-1))
+    torch.testing.assert_close(attention(tokens, x), expected)
+
+
+def test_over_fits_two_frames() -> None:
+    torch.manual_seed(0)
+    network = CompletionFormer(width=16).train()
+    image = torch.randn(2, 3, 64, 64)
+    depth = 2 + torch.linspace(0, 3, 64).expand(2, 1, 64, 64) + (image[:, :1] > 0)
+    sparse = depth * (torch.rand(depth.shape) < 0.05)
+    optimizer = torch.optim.AdamW(network.parameters(), lr=2e-3)
+    losses = []
+    for _ in range(15):
+        loss = (network(image, sparse) - depth).square().mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < losses[0] / 5
+
+
+@pytest.mark.slow
+@torch.no_grad()
+@pytest.mark.parametrize(("height", "width"), [(228, 304), (448, 608)])
+def test_full_size(height: int, width: int) -> None:
+    sparse = 3.0 * (torch.rand(1, 1, height, width) < 0.05)
+    depth = CompletionFormer().eval()(torch.randn(1, 3, height, width), sparse)
+    assert depth.shape == (1, 1, height, width)
+    assert depth.isfinite().all()
+    assert (depth >= 0).all()
