@@ -1,9 +1,10 @@
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from steered_marigold.errors import InputError
+from steered_marigold.errors import CheckpointError, InputError
 from steered_marigold.methods.inpainting import OpenCvInpainter
 from steered_marigold.methods.ip_basic import IpBasicCompleter
 from steered_marigold.methods.protocol import DepthCompleter
@@ -50,6 +51,20 @@ def test_what_a_name_implies_is_no_setting() -> None:
 def test_a_value_of_another_type_is_refused(value: str) -> None:
     with pytest.raises(InputError, match=r"max_depth=.* float"):
         create_method(f"ip-basic@max_depth={value}")
+
+
+@pytest.mark.parametrize("name", ["bpnet", "completionformer"])
+def test_a_learned_baseline_needs_its_own_weights(name: str, tmp_path: Path) -> None:
+    other = {"bpnet": "completionformer", "completionformer": "bpnet"}[name]
+    with pytest.raises(CheckpointError, match=rf"{name} needs .*{name}.*baselines\.md"):
+        create_method(name, weights={other: tmp_path / "other.pth"})
+    with pytest.raises(CheckpointError, match=r"absent\.pth"):
+        create_method(name, weights={name: tmp_path / "absent.pth"})
+
+
+def test_a_literal_setting_accepts_only_its_values(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"trained_on='indoor' .*nyuv2.*kitti"):
+        create_method("bpnet@trained_on=indoor", weights={"bpnet": tmp_path / "file.pth"})
 
 
 def test_importing_the_registry_imports_no_method() -> None:

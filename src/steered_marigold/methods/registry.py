@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
-from inspect import Parameter, signature
+from inspect import Parameter, formatannotation, signature
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin
@@ -103,8 +103,8 @@ def _parse_settings(method: str, text: str, kinds: Mapping[str, Any]) -> dict[st
         try:
             settings[key] = _parse_value(value, kinds[key])
         except ValueError:
-            kind = getattr(kinds[key], "__name__", kinds[key])
-            raise InputError(f"{method}: {key}={value!r} is not of type {kind}") from None
+            kind = formatannotation(kinds[key])
+            raise InputError(f"{method}: {key}={value!r} is no {kind}") from None
     return settings
 
 
