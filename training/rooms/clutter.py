@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from training.rooms import materials as made_of
-from training.rooms.furniture import monitor
+from training.rooms.fixtures import lamp, plant
 from training.rooms.materials import Generator
 from training.rooms.mesh import box, boxes, can, join, lathe, panel, pillow, rods, sheet
 from training.rooms.models import Model, Part, Shelf, between, chance
@@ -221,13 +221,38 @@ def _draped_cloth(g: Generator) -> Model:
     return _centred([(cloth, made_of.fabric(g))], w, d, 0.1)
 
 
+def _small_appliance(g: Generator) -> Model:
+    """A microwave, radio, coffee maker or speaker."""
+    w, d, h = between(g, 0.12, 0.5), between(g, 0.12, 0.35), between(g, 0.1, 0.35)
+    shell = made_of.plastic(g) if chance(g, 0.5) else made_of.dark_gloss(g)
+    front = panel([-0.45 * w, d + 0.001, 0.1 * h], [between(g, 0, 0.45) * w, d + 0.001, 0.9 * h])
+    face = made_of.dark_gloss(g) if chance(g, 0.6) else made_of.screen(g)
+    return Model(((box([-w / 2, 0, 0], [w / 2, d, h]), shell), (front, face)), (w, d, h))
+
+
+def _jars(g: Generator) -> Model:
+    """A crowd of like bottles, cups or cans."""
+    make = (_bottle, _cup, _bowl, _vase)[g.integers(4)]
+    one = make(g)
+    pitch = max(one.size[0], one.size[1]) * between(g, 1.05, 1.6)
+    columns, rows = int(g.integers(2, 5)), int(g.integers(1, 3))
+    parts: list[Part] = []
+    for i in range(columns):
+        for j in range(rows):
+            shaken = g.uniform(-0.01, 0.01, 2)
+            place = [(i - (columns - 1) / 2) * pitch + shaken[0], j * pitch + shaken[1], 0]
+            parts += one.moved(place, 0.0)
+    return Model(tuple(parts), (columns * pitch, rows * pitch, one.size[2]))
+
+
 _SMALL: tuple[Callable[[Generator], Model], ...] = (
-    _bottle, _bowl, _cup, _vase, _package, _book_pile, _laptop, _desk_lamp, _frame, _ball, _heap,
-    _papers, _grid_of_cans, _draped_cloth, monitor,
+    _bottle, _bottle, _bowl, _cup, _vase, _package, _package, _book_pile, _book_pile, _laptop,
+    _desk_lamp, _frame, _ball, _heap, _papers, _papers, _grid_of_cans, _draped_cloth,
+    _small_appliance, _small_appliance, _jars, _jars, lamp, plant,
 )  # fmt: skip
 _ON_FLOOR: tuple[Callable[[Generator], Model], ...] = (
-    _carton, _bin, _heap, _ball, _package, _book_pile, _basket_or_stool, _cable, _shoes, _vase,
-    _draped_cloth, _papers,
+    _carton, _carton, _bin, _heap, _ball, _package, _book_pile, _basket_or_stool, _cable, _shoes,
+    _vase, _draped_cloth, _papers,
 )  # fmt: skip
 
 

@@ -56,24 +56,31 @@ def _any_colour(generator: Generator, low: float = 0.04, high: float = 0.9) -> C
 
 
 def paint(generator: Generator) -> Material:
-    """Wall paint: mostly light; sometimes wallpaper, bricks or tiles."""
+    """Wall paint: mostly light and plain; sometimes wallpaper, bricks or tiles."""
     draw = generator.random()
-    if draw < 0.68:
-        tint = random_colour(generator, value=(0.45, 0.95), saturation=0.45)
+    if draw < 0.6:
+        cream = np.array([1.0, 0.93, 0.8]) ** generator.uniform(-0.3, 1.6)
+        tint = (cream * generator.uniform(0.45, 0.95)).astype(np.float32)
         return _textured(generator, "plaster", tint, (0.5, 3.0))
-    if draw < 0.80:
+    if draw < 0.82:
+        tint = random_colour(generator, value=(0.2, 0.9), saturation=0.7)
+        return _textured(generator, "plaster", tint, (0.5, 3.0))
+    if draw < 0.88:
         tint = random_colour(generator, value=(0.7, 1.0), saturation=0.3)
         return _textured(generator, "print", tint, (0.4, 1.5))
-    if draw < 0.86:
-        return replace(
-            _textured(generator, "stripes", _grey(generator, 0.7, 1.0), (0.5, 1.5)), turned=False
-        )
-    if draw < 0.92:
+    if draw < 0.91:
+        stripes = _textured(generator, "stripes", _grey(generator, 0.7, 1.0), (0.5, 1.5))
+        return replace(stripes, turned=False)
+    if draw < 0.95:
         tint = random_colour(generator, value=(0.4, 0.9), saturation=0.5)
         return replace(_textured(generator, "bricks", tint, (0.6, 1.0)), turned=False)
-    return replace(
-        _textured(generator, "tiles", _grey(generator, 0.7, 1.0), (0.3, 0.9)), mirror=0.04
-    )
+    return wall_tiles(generator)
+
+
+def wall_tiles(generator: Generator) -> Material:
+    """Tiles of bathrooms and kitchens."""
+    tiles = _textured(generator, "tiles", _grey(generator, 0.7, 1.0), (0.3, 0.9))
+    return replace(tiles, mirror=0.04, shininess=0.5)
 
 
 def ceiling(generator: Generator) -> Material:
@@ -107,7 +114,7 @@ def wood(generator: Generator, kind: str = "wood") -> Material:
     if generator.random() < 0.3:
         tint = _grey(generator, 0.5, 1.0)
     else:
-        depth = generator.uniform(0.15, 1.0)
+        depth = 0.08 + 0.92 * generator.random() ** 1.5
         tint = np.array([0.85, 0.55, 0.3]) * depth + np.array([0.1, 0.1, 0.1]) * depth**2
         tint = (tint * generator.uniform(0.85, 1.1, 3)).astype(np.float32)
     made = _textured(generator, kind, tint, (0.4, 1.2) if kind == "wood" else (0.5, 1.2))
@@ -135,6 +142,18 @@ def plastic(generator: Generator) -> Material:
     tint = _any_colour(generator) if generator.random() < 0.6 else _grey(generator, 0.03, 0.95)
     made = _textured(generator, "plaster", tint, (0.5, 2.0))
     return replace(made, shininess=float(generator.uniform(0.2, 0.9)), mirror=0.03)
+
+
+def ceramic(generator: Generator) -> Material:
+    """White and shiny."""
+    made = _textured(generator, "plaster", _grey(generator, 0.75, 0.95), (0.5, 2.0))
+    return replace(made, shininess=0.8, mirror=0.04)
+
+
+def skin(generator: Generator) -> Material:
+    """From light to dark."""
+    tint = np.array([0.8, 0.5, 0.38]) * generator.uniform(0.2, 1.0)
+    return _textured(generator, "plaster", tint.astype(np.float32), (0.5, 1.0))
 
 
 def metal(generator: Generator) -> Material:

@@ -1,14 +1,15 @@
 """A model: meshes with materials, standing on the floor or on another model."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from training.rooms.materials import Material
 from training.rooms.mesh import Mesh, Point
 
 Part = tuple[Mesh, Material]
+Vector = Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True)
@@ -24,27 +25,43 @@ class Shelf:
 
 
 @dataclass(frozen=True)
+class Light:
+    """A rectangular light, or with a zero normal one that shines in all directions.
+
+    centre, half_u, half_v: [m]. power: RGB intensity.
+    """
+
+    centre: Vector
+    half_u: Vector
+    half_v: Vector
+    normal: Vector
+    power: Vector
+
+
+@dataclass(frozen=True)
+class Sun:
+    """direction: unit, towards the sun. power: RGB irradiance."""
+
+    direction: Vector
+    power: Vector
+
+
+@dataclass(frozen=True)
 class Model:
     """An object in its own frame: back at y = 0, front towards +y, centred in x, bottom at z = 0.
 
-    size: width (x), depth (y), height (z) [m]. shelves: where small things may stand.
+    size: width (x), depth (y), height (z) [m]. shelves: where small things may stand. bulbs:
+    points that shine.
     """
 
     parts: tuple[Part, ...]
     size: tuple[float, float, float]
     shelves: tuple[Shelf, ...] = ()
+    bulbs: tuple[tuple[float, float, float], ...] = ()
 
     def moved(self, position: Point, yaw: float) -> list[Part]:
         """Its parts in the world."""
         return [(mesh.moved(position, yaw), material) for mesh, material in self.parts]
-
-
-def stand_on(model: Model, things: Iterable[tuple[Model, Point, float]]) -> Model:
-    """The model with other models put at positions and yaws in its frame."""
-    parts = list(model.parts)
-    for thing, position, yaw in things:
-        parts += thing.moved(position, yaw)
-    return Model(tuple(parts), model.size, model.shelves)
 
 
 def chance(generator: np.random.Generator, probability: float) -> bool:

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float32, Int
 from training.rooms.materials import Material
 from training.rooms.mesh import join
 from training.rooms.models import Part
-from training.rooms.textures import lookup
+from training.rooms.textures import lookup, mean_albedo
 
 Vectors = Float32[np.ndarray, "n 3"]
 Scalars = Float32[np.ndarray, " n"]
@@ -46,6 +46,12 @@ class Surface:
     albedo: Vectors
     material: Int[np.ndarray, " n"]
     facet: Int[np.ndarray, " n"]
+
+
+def dot(a: Vectors, b: Vectors) -> Scalars:
+    """Inner products of rows."""
+    products: Scalars = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
+    return products
 
 
 def unit(vectors: Float32[np.ndarray, "*n 3"]) -> Float32[np.ndarray, "*n 3"]:
@@ -89,13 +95,18 @@ class World:
         self._layer = np.array([m.layer for m in self.materials])
         self._scale, self._turned = gather("tiles_per_m"), gather("turned") > 0
         self._offset = np.array([m.offset for m in self.materials], dtype=np.float32)
-        self._backdrop = gather("backdrop") > 0
+        self.backdrop = gather("backdrop") > 0
+        self._mean_albedo = mean_albedo(self._layer) * self._tint
 
     def cast(self, origins: Vectors, directions: Vectors) -> Hits:
         """The first hit of each ray."""
         found = self._scene.run(origins, directions, output=1)
         distance = np.where(found["primID"] >= 0, found["tfar"], np.float32(FAR_M))
         return Hits(distance, found["primID"], found["u"], found["v"])
+
+    def material_of(self, hits: Hits) -> Int[np.ndarray, " n"]:
+        """Material index at each hit; of some triangle where a ray met nothing."""
+        return self._material[hits.triangle]
 
     def blocked(
         self, origins: Vectors, directions: Vectors, reach: Scalars
@@ -105,9 +116,7 @@ class World:
         blocked: Bool[np.ndarray, " n"] = result >= 0
         return blocked
 
-    def surface(
-        self, hits: Hits, origins: Vectors, directions: Vectors, spread: Scalars
-    ) -> Surface:
+    def surface(self, hits: Hits, origins: Vectors, directions: Vectors, spread: float) -> Surface:
         """Surface attributes at the hits.
 
         spread: width of a pixel at unit distance, which selects the texture's detail. A ray that
@@ -121,21 +130,27 @@ class World:
         facing = _towards(self._facing[triangle], directions)
         normal = _towards(unit(mixed[:, :3]), directions)
         uv = self._texture_coordinates(mixed[:, 3:], material, directions)
-        length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
-        slant = -np.einsum("ij,ij->i", facing, directions) / length
-        footprint = (
-            spread * hits.distance * self._scale[material] / np.sqrt(np.maximum(slant, 0.05))
-        )
-        footprint = np.where(self._backdrop[material], 0.003, footprint).astype(np.float32)
+        slant = -dot(facing, directions) / np.sqrt(dot(directions, directions))
+        width = np.float32(spread) * hits.distance / np.sqrt(np.maximum(slant, 0.05))
+        footprint = np.where(self.backdrop[material], 0.003, width * self._scale[material])
         albedo = lookup(self._layer[material], uv, footprint) * self._tint[material]
         return Surface(point, normal, facing, albedo, material, self._facet[triangle])
+
+    def plain_surface(self, hits: Hits, origins: Vectors, directions: Vectors) -> Surface:
+        """As `surface`, but flat-shaded and with the average colour of each material."""
+        triangle = hits.triangle
+        material = self._material[triangle]
+        point = origins + hits.distance[:, None] * directions
+        facing = _towards(self._facing[triangle], directions)
+        albedo = self._mean_albedo[material]
+        return Surface(point, facing, facing, albedo, material, self._facet[triangle])
 
     def _texture_coordinates(
         self, uv: Float32[np.ndarray, "n 2"], material: Int[np.ndarray, " n"], directions: Vectors
     ) -> Float32[np.ndarray, "n 2"]:
         uv = np.where(self._turned[material][:, None], uv[:, ::-1], uv)
         uv = uv * self._scale[material][:, None] + self._offset[material]
-        far = np.flatnonzero(self._backdrop[material])
+        far = np.flatnonzero(self.backdrop[material])
         if len(far):
             d = unit(directions[far])
             uv[far, 0] = np.arctan2(d[:, 1], d[:, 0]) * 0.6
@@ -145,5 +160,5 @@ class World:
 
 def _towards(normals: Vectors, directions: Vectors) -> Vectors:
     """Normals turned against the directions."""
-    away = np.einsum("ij,ij->i", normals, directions) > 0
+    away = dot(normals, directions) > 0
     return np.where(away[:, None], -normals, normals)

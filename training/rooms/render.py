@@ -37,39 +37,42 @@ class RoomFrame:
 def render_room(seed: int, *, width: int = 320, height: int = 240) -> RoomFrame:
     """A frame of the room, camera and photograph that `seed` (>= 0) stands for."""
     generator = np.random.default_rng(seed)
-    room = build_room(generator)
-    world = World(room.parts)
-    camera = _choose_camera(generator, room, world, width / height)
+    room, world, camera = _room_with_view(generator, width / height)
     return render(room, world, camera, width=width, height=height, generator=generator)
+
+
+def _room_with_view(generator: np.random.Generator, aspect: float) -> tuple[Room, World, Camera]:
+    """The first random room with a usable view; a few have none, behind a column say."""
+    while True:
+        room = build_room(generator)
+        world = World(room.parts)
+        camera = _choose_camera(generator, room, world, aspect)
+        if camera is not None:
+            return room, world, camera
 
 
 def _choose_camera(
     generator: np.random.Generator, room: Room, world: World, aspect: float
-) -> Camera:
-    """A hand-held view at the room's eye point: the first of some that sees far enough."""
+) -> Camera | None:
+    """A hand-held view from the room's eye point: the richest of a few that see far enough."""
     width, height = 32, max(8, round(32 / aspect))
-    camera = None
-    for _ in range(12):
-        view_angle = np.radians(generator.uniform(45, 90))
+    best, best_score = None, 0.0
+    for _ in range(int(generator.integers(5, 16))):
+        view_angle = np.radians(generator.triangular(45, 58, 90))
         pitch = np.radians(np.clip(generator.normal(-10, 9), -40, 15))
         roll = np.radians(generator.normal(0, 2.5))
         rotation = look(generator.uniform(0, 2 * np.pi), pitch, roll)
-        eye_height = min(generator.uniform(0.7, 1.75), room.height - 0.3)
-        camera = Camera(
-            intrinsics(width, height, view_angle), rotation, np.array([*room.eye, eye_height])
-        )
-        depth = _cast_depth(world, camera, width, height)
-        if 1.4 < np.median(depth) < 4.5 and np.mean(depth < 0.5) < 0.03:
-            break
-    assert camera is not None
-    return camera
-
-
-def _cast_depth(world: World, camera: Camera, width: int, height: int) -> Float32[np.ndarray, " n"]:
-    rays = camera.rays(width, height).reshape(-1, 3)
-    origins = np.tile(camera.position.astype(np.float32), (len(rays), 1))
-    hits = world.cast(origins, rays)
-    return np.minimum(hits.distance, np.float32(MAX_DEPTH_M))
+        eye = np.array([*room.eye, min(generator.uniform(0.7, 1.75), room.height - 0.3)])
+        camera = Camera(intrinsics(width, height, view_angle), rotation, eye)
+        rays = camera.rays(width, height).reshape(-1, 3)
+        hits = world.cast(np.tile(eye.astype(np.float32), (len(rays), 1)), rays)
+        depth = np.minimum(hits.distance, MAX_DEPTH_M)
+        near = float(np.mean(depth < 0.7)) + float(np.median(depth) < 1.3)
+        variety = len(np.unique(world.material_of(hits)))
+        score = np.log(variety) + float(np.std(np.log(depth))) - 20 * near
+        if score > best_score:
+            best, best_score = camera, score
+    return best
 
 
 def render(
@@ -86,9 +89,8 @@ def render(
     rays = camera.rays(width, height).reshape(-1, 3)
     origins = np.tile(camera.position.astype(np.float32), (len(rays), 1))
     hits = world.cast(origins, rays)
-    spread = np.full(len(rays), 1 / camera.K[0, 0], dtype=np.float32)
-    surface = world.surface(hits, origins, rays, spread)
-    lighting = lighting_of(room.lights, room.ambient)
+    surface = world.surface(hits, origins, rays, spread=1 / camera.K[0, 0])
+    lighting = lighting_of(room.lights, room.sun, room.ambient)
     shape = (height, width)
     radiance = shade(world, lighting, surface, rays, shape=shape, generator=generator)
     depth = np.minimum(hits.distance, np.float32(MAX_DEPTH_M))

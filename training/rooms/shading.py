@@ -1,29 +1,43 @@
-"""Light in a room: soft shadows, one diffuse bounce, highlights, mirrors.
+"""Light in a room: soft shadows, sunshine, one diffuse bounce, highlights, mirrors.
 
-Each pixel takes one shadow ray a light and one bounce ray, out of 16 that differ within 4x4
-pixels; a 4x4 average within each surface then holds all 16 (interleaved sampling,
-Keller and Heidrich 2001).
+Each pixel takes one shadow ray a light and one bounce ray, out of a set that repeats every few
+pixels; an average over so many pixels of one surface then holds the whole set (interleaved
+sampling, Keller and Heidrich 2001). 16 shadow rays are shared by 4x4 pixels, 256 bounce rays by
+16x16.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float, Float32, Int
 
-from training.rooms.raycast import Scalars, Surface, Vectors, World, unit
-from training.rooms.shell import Light
+from training.rooms.models import Light, Sun
+from training.rooms.raycast import Hits, Scalars, Surface, Vectors, World, dot, unit
 
 _TILE = 4
 _OFFSET = 2e-3  # rays start this far from surfaces [m]
+_SUN_RADIUS = 0.008  # [rad], wider than the real one, as through hazy glass
+
+Layers = Float32[np.ndarray, "layers height width"]
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """The lights of a room and its ambient radiance, RGB."""
+    """The lights of a room, the sun if it shines in, and the ambient radiance (RGB)."""
 
     lights: tuple[Light, ...]
+    sun: Sun | None
     ambient: Float32[np.ndarray, "3"]
+
+
+def lighting_of(
+    lights: Sequence[Light], sun: Sun | None, ambient: Float[np.ndarray, "3"]
+) -> Lighting:
+    """The three strongest lights; further ones join the ambient light."""
+    ranked = sorted(lights, key=lambda light: -float(light.power.sum()))
+    rest = sum((0.05 * light.power for light in ranked[3:]), np.zeros(3))
+    return Lighting(tuple(ranked[:3]), sun, (ambient + rest).astype(np.float32))
 
 
 def shade(
@@ -36,32 +50,35 @@ def shade(
     generator: np.random.Generator,
 ) -> Vectors:
     """Linear radiance towards the viewer for the surfaces of a whole image."""
-    pattern = _pattern(shape)
     origins = surface.point + _OFFSET * surface.facing
-    layers = [
-        _visibility(world, light, origins, pattern, generator).reshape(*shape, 1)
-        for light in lighting.lights
+    pattern = _pattern(shape)
+    noisy = [
+        _visibility(world, light, surface, origins, pattern, generator) for light in lighting.lights
     ]
-    bounce = _bounce(world, lighting, surface, origins, pattern, generator)
-    noisy = np.concatenate([*layers, bounce.reshape(*shape, 3)], axis=2)
-    smooth = _average(noisy, surface.facet.reshape(shape)).reshape(len(origins), -1)
-    emission = world.emission[surface.material][:, None]
-    shininess = world.shininess[surface.material]
+    noisy.append(_sunshine(world, lighting.sun, surface, origins, pattern, generator))
+    noisy += list(_bounce(world, lighting, surface, origins, shape, generator).T)
+    facet = surface.facet.reshape(shape)
+    seen = _average(np.stack(noisy).reshape(-1, *shape), facet, stride=1)
+    irradiance = _average(seen[-3:], facet, stride=_TILE).reshape(3, -1).T
+    seen = seen[:-3].reshape(len(noisy) - 3, -1, 1)
+
     view = unit(directions)
-    irradiance = smooth[:, -3:]
+    shininess = world.shininess[surface.material]
     highlight = np.zeros_like(irradiance)
-    for index, light in enumerate(lighting.lights):
+    for light, visible in zip(lighting.lights, seen, strict=False):
         to_light, strength = _unshadowed(light, surface.point, surface.normal)
-        seen = smooth[:, index, None] * light.power.astype(np.float32)
-        irradiance += seen * strength[:, None]
-        half = unit(to_light - view)
-        lobe = np.maximum(np.einsum("ij,ij->i", half, surface.normal), 0.0)
-        highlight += seen * (shininess * strength * _power32(lobe))[:, None]
+        arriving = visible * strength[:, None] * light.power.astype(np.float32)
+        irradiance += arriving
+        lobe = np.maximum(dot(unit(to_light - view), surface.normal), 0.0)
+        highlight += arriving * (shininess * _power40(lobe))[:, None]
+    if lighting.sun is not None:
+        irradiance += seen[-1] * lighting.sun.power.astype(np.float32)
+    emission = world.emission[surface.material][:, None]
     radiance = surface.albedo * np.where(emission > 0, emission, irradiance) + highlight
     return _add_mirrors(world, lighting, surface, radiance, view)
 
 
-def _power32(x: Scalars) -> Scalars:
+def _power40(x: Scalars) -> Scalars:
     """x ** 40 by repeated squaring, a highlight of medium width."""
     x8 = ((x * x) ** 2) ** 2
     result: Scalars = x8 * ((x8 * x8) ** 2)
@@ -84,9 +101,9 @@ def _strata(generator: np.random.Generator) -> Float32[np.ndarray, "16 2"]:
 def _unshadowed(light: Light, points: Vectors, normals: Vectors) -> tuple[Vectors, Scalars]:
     """Direction to the light's centre, and irradiance without shadow for power 1."""
     to_light = light.centre.astype(np.float32) - points
-    squared = np.einsum("ij,ij->i", to_light, to_light)
+    squared = dot(to_light, to_light)
     to_light = to_light / np.sqrt(squared)[:, None]
-    strength = np.maximum(np.einsum("ij,ij->i", to_light, normals), 0.0) / (squared + 0.1)
+    strength = np.maximum(dot(to_light, normals), 0.0) / (squared + np.float32(0.1))
     if light.normal.any():
         strength = strength * np.maximum(-(to_light @ light.normal.astype(np.float32)), 0.0)
     return to_light, strength
@@ -95,6 +112,7 @@ def _unshadowed(light: Light, points: Vectors, normals: Vectors) -> tuple[Vector
 def _visibility(
     world: World,
     light: Light,
+    surface: Surface,
     origins: Vectors,
     pattern: Int[np.ndarray, " n"],
     generator: np.random.Generator,
@@ -103,8 +121,33 @@ def _visibility(
     across = 2 * _strata(generator) - 1
     points = light.centre + across[:, :1] * light.half_u + across[:, 1:] * light.half_v
     to_light = points.astype(np.float32)[pattern] - origins
-    blocked = world.blocked(origins, to_light, np.full(len(origins), 0.99, np.float32))
-    return (~blocked).astype(np.float32)
+    seen = dot(to_light, surface.normal) > 0
+    ahead = np.flatnonzero(seen)
+    reach = np.full(len(ahead), 0.99, np.float32)
+    seen[ahead] = ~world.blocked(origins[ahead], to_light[ahead], reach)
+    return seen.astype(np.float32)
+
+
+def _sunshine(
+    world: World,
+    sun: Sun | None,
+    surface: Surface,
+    origins: Vectors,
+    pattern: Int[np.ndarray, " n"],
+    generator: np.random.Generator,
+) -> Scalars:
+    """Cosine of the sun's incidence where it is seen through a pane, else 0."""
+    cosine = np.zeros(len(origins), dtype=np.float32)
+    if sun is None:
+        return cosine
+    jitter = _SUN_RADIUS * (2 * _strata(generator) - 1)
+    across, up = np.array([-sun.direction[1], sun.direction[0], 0.0]), np.array([0.0, 0.0, 1.0])
+    towards = sun.direction + jitter[:, :1] * across + jitter[:, 1:] * up
+    lit = np.flatnonzero(surface.normal @ sun.direction.astype(np.float32) > 0)
+    hits = world.cast(origins[lit], towards.astype(np.float32)[pattern[lit]])
+    through = world.backdrop[world.material_of(hits)]
+    cosine[lit] = through * (surface.normal[lit] @ sun.direction.astype(np.float32))
+    return cosine
 
 
 def _bounce(
@@ -112,40 +155,38 @@ def _bounce(
     lighting: Lighting,
     surface: Surface,
     origins: Vectors,
-    pattern: Int[np.ndarray, " n"],
+    shape: tuple[int, int],
     generator: np.random.Generator,
 ) -> Vectors:
     """Irradiance from other surfaces: one ray, cosine-distributed about the normal."""
-    a, b = _strata(generator).T
+    coarse, fine = _strata(generator), _strata(generator)
+    y, x = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
+    block = (y // _TILE % _TILE) * _TILE + x // _TILE % _TILE
+    cell = np.floor(coarse * _TILE)[_pattern(shape)]
+    a, b = ((cell + fine[block]) / _TILE).T
     ring, angle = np.sqrt(a), 2 * np.pi * b
-    local = np.stack([ring * np.cos(angle), ring * np.sin(angle), np.sqrt(1 - a)], axis=1)
-    local = local.astype(np.float32)[pattern]
-    side = np.stack(
-        [-surface.normal[:, 1], surface.normal[:, 0], np.zeros_like(surface.normal[:, 0])], axis=1
-    )
-    side[:, 0] += 1e-4
+    normal = surface.normal
+    side = np.stack([1e-4 - normal[:, 1], normal[:, 0], np.zeros_like(ring)], axis=1)
     side = unit(side)
-    other = np.cross(surface.normal, side)
-    directions = local[:, :1] * side + local[:, 1:2] * other + local[:, 2:] * surface.normal
-    return radiance_along(world, lighting, origins, directions.astype(np.float32), spread=1.0)
-
-
-def radiance_along(
-    world: World, lighting: Lighting, origins: Vectors, directions: Vectors, *, spread: float
-) -> Vectors:
-    """What rays bring back, without shadows and further bounces. Misses bring ambient light."""
+    directions = (
+        (ring * np.cos(angle))[:, None] * side
+        + (ring * np.sin(angle))[:, None] * np.cross(normal, side)
+        + np.sqrt(1 - a)[:, None] * normal
+    ).astype(np.float32)
     hits = world.cast(origins, directions)
-    surface = world.surface(
-        hits, origins, directions, np.full(len(origins), spread, dtype=np.float32)
-    )
-    irradiance = np.tile(lighting.ambient.astype(np.float32), (len(origins), 1))
+    return _dim_radiance(world, lighting, world.plain_surface(hits, origins, directions), hits)
+
+
+def _dim_radiance(world: World, lighting: Lighting, surface: Surface, hits: Hits) -> Vectors:
+    """Radiance of surfaces, without shadows and further bounces. Misses give ambient light."""
+    irradiance = np.tile(lighting.ambient, (len(surface.point), 1))
     for light in lighting.lights:
         _, strength = _unshadowed(light, surface.point, surface.normal)
         # about half of the surfaces that face a light are in shadow
         irradiance += strength[:, None] * (0.5 * light.power).astype(np.float32)
     emission = world.emission[surface.material][:, None]
     radiance = surface.albedo * np.where(emission > 0, np.minimum(emission, 1.0), irradiance)
-    return np.where((hits.triangle >= 0)[:, None], radiance, lighting.ambient.astype(np.float32))
+    return np.where((hits.triangle >= 0)[:, None], radiance, lighting.ambient)
 
 
 def _add_mirrors(
@@ -153,41 +194,35 @@ def _add_mirrors(
 ) -> Vectors:
     """Adds what is reflected, more at grazing angles (Schlick)."""
     base = world.mirror[surface.material]
-    chosen = np.flatnonzero(base > 0.005)
+    cosine = -dot(surface.normal, view)
+    share = base + np.float32(0.5) * (base > 0) * (1 - np.clip(cosine, 0, 1)) ** 5
+    chosen = np.flatnonzero(share > 0.035)
     if len(chosen) == 0:
         return radiance
+    share, cosine = share[chosen], cosine[chosen]
     normal, direction = surface.normal[chosen], view[chosen]
-    cosine = -np.einsum("ij,ij->i", normal, direction)
-    grazing = (1 - np.clip(cosine, 0, 1)) ** 5
-    share = base[chosen] + (1 - base[chosen]) * grazing * 0.6
     reflected = direction + 2 * cosine[:, None] * normal
     origins = surface.point[chosen] + _OFFSET * surface.facing[chosen]
-    light = radiance_along(world, lighting, origins, reflected, spread=0.006)
+    hits = world.cast(origins, reflected)
+    light = _dim_radiance(
+        world, lighting, world.surface(hits, origins, reflected, spread=0.006), hits
+    )
     radiance[chosen] = radiance[chosen] * (1 - share)[:, None] + light * share[:, None]
     return radiance
 
 
-def _average(
-    values: Float32[np.ndarray, "height width channels"], facet: Int[np.ndarray, "height width"]
-) -> Float32[np.ndarray, "height width channels"]:
-    """Mean over 4x4 pixels of the same facet; a window of this size holds every sample once."""
+def _average(values: Layers, facet: Int[np.ndarray, "height width"], *, stride: int) -> Layers:
+    """Mean over 4x4 pixels, `stride` apart, of the same facet."""
     height, width = facet.shape
-    before, after = _TILE // 2, _TILE - _TILE // 2 - 1
+    before, after = stride * (_TILE // 2), stride * (_TILE - _TILE // 2 - 1)
     ring = ((before, after), (before, after))
     keys = np.pad(facet, ring, constant_values=-1)
-    padded = np.pad(values, (*ring, (0, 0)))
+    padded = np.pad(values, ((0, 0), *ring))
     total = np.zeros_like(values)
-    count = np.zeros((height, width, 1), dtype=np.float32)
-    for dy in range(_TILE):
-        for dx in range(_TILE):
-            same = (keys[dy : dy + height, dx : dx + width] == facet)[..., None]
-            total += padded[dy : dy + height, dx : dx + width] * same
+    count = np.zeros((height, width), dtype=np.float32)
+    for dy in range(0, _TILE * stride, stride):
+        for dx in range(0, _TILE * stride, stride):
+            same = (keys[dy : dy + height, dx : dx + width] == facet).astype(np.float32)
             count += same
+            total += padded[:, dy : dy + height, dx : dx + width] * same
     return total / count
-
-
-def lighting_of(lights: Sequence[Light], ambient: Float32[np.ndarray, "3"]) -> Lighting:
-    """The three strongest lights; further ones join the ambient light."""
-    ranked = sorted(lights, key=lambda light: -float(light.power.sum()))
-    rest = sum((0.05 * light.power for light in ranked[3:]), np.zeros(3))
-    return Lighting(tuple(ranked[:3]), (ambient + rest).astype(np.float32))

@@ -51,5 +51,5 @@ def _write_shard(task: tuple[Path, range, tuple[int, int]]) -> Path:
             depth=np.stack([np.round(frame.depth * 1000).astype(np.uint16) for frame in rendered]),
             K=np.stack([frame.K.astype(np.float32) for frame in rendered]),
         )
-    os.replace(temporary, path)
+    temporary.replace(path)
     return path

@@ -2,30 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
 from training.rooms import materials as made_of
 from training.rooms.materials import Generator, Material
-from training.rooms.mesh import Mesh, box, boxes, join, lathe, panel, rods, sheet
-from training.rooms.models import Part, between, chance
+from training.rooms.mesh import Mesh, box, boxes, join, panel, rods, sheet
+from training.rooms.models import Model, Part, between, chance
 
 THICKNESS = 0.14  # of a wall [m]
-
-
-@dataclass(frozen=True)
-class Light:
-    """A rectangular light, or with a zero normal one that shines in all directions.
-
-    centre, half_u, half_v: [m]. power: RGB intensity.
-    """
-
-    centre: Float[np.ndarray, "3"]
-    half_u: Float[np.ndarray, "3"]
-    half_v: Float[np.ndarray, "3"]
-    normal: Float[np.ndarray, "3"]
-    power: Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True)
@@ -97,16 +84,21 @@ def wall_mesh(length: float, height: float, openings: Sequence[Opening]) -> Mesh
     return boxes(np.array(low), np.array(high))
 
 
-def skirting(length: float, openings: Sequence[Opening], height: float) -> Mesh:
-    """A board along the foot of the wall, interrupted by doors."""
-    doors = sorted((o for o in openings if o.z0 == 0), key=lambda o: o.x0)
-    edges = [0.0, *(e for o in doors for e in (o.x0 - 0.08, o.x1 + 0.08)), length]
-    spans = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
-    low, high = (
-        np.array([[a, 0, 0] for a, _ in spans]),
-        np.array([[b, 0.015, height] for _, b in spans]),
+def cladding(
+    length: float, openings: Sequence[Opening], height: float, thickness: float
+) -> Mesh | None:
+    """A skirting board or the painted foot of the wall, interrupted by low openings."""
+    low_ones = sorted((o for o in openings if o.z0 < height), key=lambda o: o.x0)
+    edges = [0.0, *(e for o in low_ones for e in (o.x0 - 0.1, o.x1 + 0.1)), length]
+    spans = np.array(edges).reshape(-1, 2)
+    left, right = spans[spans[:, 1] > spans[:, 0]].T
+    if len(left) == 0:
+        return None
+    zero = np.zeros_like(left)
+    return boxes(
+        np.stack([left, zero, zero], axis=1),
+        np.stack([right, zero + thickness, zero + height], axis=1),
     )
-    return boxes(low, high)
 
 
 def window(g: Generator, hole: Opening, daylight: float) -> list[Part]:
@@ -160,7 +152,9 @@ def _blind(g: Generator, hole: Opening) -> Mesh:
     bottom = hole.z0 + between(g, 0.0, 0.7) * (hole.z1 - hole.z0)
     z = np.arange(bottom, hole.z1, 0.04)
     low = np.stack([np.full_like(z, hole.x0), np.full_like(z, 0.01), z], axis=1)
-    return boxes(low, low + [hole.x1 - hole.x0, between(g, 0.004, 0.03), between(g, 0.003, 0.03)])
+    return boxes(
+        low, low + np.array([hole.x1 - hole.x0, between(g, 0.004, 0.03), between(g, 0.003, 0.03)])
+    )
 
 
 def door(g: Generator, hole: Opening, *, open_: bool) -> list[Part]:
@@ -180,8 +174,8 @@ def door(g: Generator, hole: Opening, *, open_: bool) -> list[Part]:
     rows, columns = int(g.integers(1, 4)), int(g.integers(1, 3))
     if chance(g, 0.7):  # raised panels
         xs, zs = np.linspace(0.08, w - 0.08, columns + 1), np.linspace(0.1, h - 0.1, rows + 1)
-        for x0, x1 in zip(xs[:-1], xs[1:], strict=True):
-            for z0, z1 in zip(zs[:-1], zs[1:], strict=True):
+        for x0, x1 in pairwise(xs):
+            for z0, z1 in pairwise(zs):
                 pieces.append(([x0 + 0.03, 0, z0 + 0.03], [x1 - 0.03, 0.012, z1 - 0.03]))
     body = boxes(np.array([p[0] for p in pieces]), np.array([p[1] for p in pieces]))
     handle = join(
@@ -196,10 +190,10 @@ def door(g: Generator, hole: Opening, *, open_: bool) -> list[Part]:
     return parts
 
 
-def other_room(g: Generator, hole: Opening, height: float) -> list[Part]:
-    """What an open door shows: a second room behind the wall, with something in it."""
+def other_room(g: Generator, hole: Opening, height: float, contents: Sequence[Model]) -> list[Part]:
+    """What an open door shows: a second room behind the wall, with models at its far wall."""
     t = THICKNESS
-    depth, left, right = between(g, 0.9, 4.0), between(g, 0.3, 2.0), between(g, 0.3, 2.0)
+    depth, left, right = between(g, 0.9, 4.5), between(g, 0.3, 2.5), between(g, 0.3, 2.5)
     x0, x1 = hole.x0 - left, hole.x1 + right
     y0, y1 = -t - depth, -t
     wall, ground, top = made_of.paint(g), made_of.floor(g), made_of.ceiling(g)
@@ -209,36 +203,14 @@ def other_room(g: Generator, hole: Opening, height: float) -> list[Part]:
     )
     parts: list[Part] = [
         (side, wall),
-        (box([x0, y0, -t], [x1, 0.0, 0]), ground),
-        (box([x0, y0, height], [x1, 0.0, height + t]), top),
+        (box([x0, y0, -t], [x1, -t, 0]), ground),
+        (box([x0, y0, height], [x1, -t, height + t]), top),
     ]
-    for _ in range(int(g.integers(0, 4))):
-        w, d, h = between(g, 0.3, 1.0), between(g, 0.2, 0.6), between(g, 0.3, 2.0)
-        x = between(g, x0, max(x0, x1 - w))
-        parts.append((box([x, y0, 0], [x + w, y0 + d, h]), made_of.wood(g)))
+    for model in contents:
+        w, d, _ = model.size
+        if x0 + w < x1 and d < depth - 0.3:
+            parts += model.moved([between(g, x0 + w / 2, x1 - w / 2), y0, 0], 0.0)
     return parts
-
-
-def on_wall(g: Generator, x: float, z: float) -> list[Part]:
-    """A picture, mirror, clock, shelf board or switch with its centre at x, z."""
-    draw = g.random()
-    w, h = between(g, 0.2, 1.1), between(g, 0.2, 0.9)
-    inner = ([x - w / 2, 0.02, z - h / 2], [x + w / 2, 0.02, z + h / 2])
-    border = between(g, 0.0, 0.06)
-    frame = box(
-        [x - w / 2 - border, 0, z - h / 2 - border], [x + w / 2 + border, 0.018, z + h / 2 + border]
-    )
-    if draw < 0.6:
-        return [(frame, made_of.wood(g)), (panel(*inner), made_of.picture(g))]
-    if draw < 0.75:
-        return [(frame, made_of.wood(g)), (panel(*inner), made_of.mirror(g))]
-    if draw < 0.85:
-        clock = lathe([(0, 0.03), (0.14, 0.03), (0.15, 0)], 24)
-        upright = clock.turned(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))
-        return [(upright.shifted([x, 0, z]), made_of.plastic(g))]
-    if draw < 0.93:
-        return [(box([x - w / 2, 0, z], [x + w / 2, 0.22, z + 0.03]), made_of.wood(g))]
-    return [(box([x - 0.04, 0, 1.1], [x + 0.04, 0.012, 1.18]), made_of.plastic(g))]
 
 
 def slab(width: float, depth: float, z0: float, z1: float, material: Material) -> Part:

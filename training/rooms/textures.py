@@ -6,6 +6,7 @@ material. Many layers have strong albedo edges where the depth has none.
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -37,7 +38,7 @@ def random_colour(
 ) -> Colour:
     """A linear RGB reflectance: any hue, brightness within `value`, saturation up to the bound."""
     hue = generator.random()
-    s = saturation * generator.random()
+    s = saturation * generator.random() ** 1.5  # most things are rather grey
     v = generator.uniform(*value)
     k = (np.array([5.0, 3.0, 1.0]) + hue * 6.0) % 6.0
     return (v - v * s * np.clip(np.minimum(k, 4.0 - k), 0, 1)).astype(np.float32)
@@ -55,7 +56,7 @@ def _grey(values: Float32[np.ndarray, "side side"]) -> Texture:
 
 def _plaster(generator: np.random.Generator) -> Texture:
     noise = fractal_noise(generator, slope=generator.uniform(0.6, 2.0))
-    return _grey(1.0 - generator.uniform(0.03, 0.16) * noise)
+    return _grey(1.0 - generator.uniform(0.01, 0.1) * noise)
 
 
 def _wood(generator: np.random.Generator) -> Texture:
@@ -69,7 +70,7 @@ def _planks(generator: np.random.Generator) -> Texture:
     image = _wood(generator)
     rows = int(generator.integers(3, 9))
     edges = np.linspace(0, SIDE, rows + 1).astype(int)
-    for top, bottom in zip(edges[:-1], edges[1:], strict=True):
+    for top, bottom in pairwise(edges):
         shift, joint = generator.integers(0, SIDE, 2)
         image[top:bottom] = np.roll(image[top:bottom], shift, axis=1)
         image[top:bottom] *= generator.uniform(0.75, 1.0)
@@ -197,14 +198,14 @@ def _outdoors(generator: np.random.Generator) -> Texture:
     image = np.broadcast_to(sky, (SIDE, SIDE, 3)).astype(np.float32).copy()
     for _ in range(int(generator.integers(2, 7))):
         x, y = generator.integers(0, SIDE, 2)
-        w, h = generator.integers(20, 120, 2)
+        w = int(generator.integers(20, 120))
         colour = random_colour(generator, value=(0.2, 0.7), saturation=0.3)
         image[max(SIDE // 3, y) :, x : x + w] = colour
         image[max(SIDE // 3, y) + 8 :: 16, x + 4 : x + w : 12] = colour * 0.5
     leaves = fractal_noise(generator, slope=1.4)
     ridge = SIDE * generator.uniform(0.4, 0.9) - 60 * fractal_noise(generator, slope=2.5)[0]
     trees = np.arange(SIDE)[:, None] > ridge[None, :]
-    green = np.array([0.12, 0.3, 0.08], dtype=np.float32) * (0.3 + 1.2 * leaves[..., None])
+    green = np.array([0.16, 0.24, 0.1], dtype=np.float32) * (0.3 + 1.2 * leaves[..., None])
     image[trees] = green[trees]
     return image
 
@@ -237,8 +238,8 @@ def layers(kind: str) -> range:
 
 
 @cache
-def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"], int]:
-    """All texels of all levels in one table, the first row of each level, the layer count."""
+def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"]]:
+    """All texels of all levels in one table, and the first row of each level."""
     drawn = []
     for kind, (count, draw) in _DRAWERS.items():
         for index in range(count):
@@ -251,7 +252,15 @@ def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"], 
         n, side = stack.shape[:2]
         stack = stack.reshape(n, side // 2, 2, side // 2, 2, 3).mean(axis=(2, 4))
     starts = np.cumsum([0] + [len(table) for table in tables[:-1]])
-    return np.concatenate(tables), starts, len(drawn)
+    return np.concatenate(tables), starts
+
+
+def mean_albedo(layer: Int[np.ndarray, " n"]) -> Float32[np.ndarray, "n 3"]:
+    """The average colour of each layer, in 0..1."""
+    texels, starts = _bank()
+    coarsest = texels[starts[-1] :].reshape(-1, (SIDE >> (_LEVELS - 1)) ** 2, 3)
+    mean: Float32[np.ndarray, "n 3"] = coarsest.mean(axis=1, dtype=np.float32)[layer] / 255
+    return mean
 
 
 def lookup(
@@ -264,7 +273,7 @@ def lookup(
     uv: texture coordinates, one tile per unit, repeated. footprint: width of a pixel on the
     surface, in tiles.
     """
-    texels, starts, _ = _bank()
+    texels, starts = _bank()
     level = np.log2(np.maximum(footprint * SIDE, 1.0))
     level = np.minimum((level + 0.5).astype(np.int64), _LEVELS - 1)
     side = SIDE >> level
