@@ -32,12 +32,13 @@ app = typer.Typer(
 app.command("complete")(complete.complete)
 
 
-def _print_version(asked: bool) -> None:
+def _print_version(asked: bool) -> bool:
     if asked:
         from importlib.metadata import version
 
         print(version("steered-marigold"))
         raise typer.Exit()
+    return asked
 
 
 @app.callback()

@@ -218,14 +218,14 @@ def complete(
 
 def _parse_sensor_noise(text: str) -> Any:
     """A SensorNoise from metres, "0.01", or per cent of depth, "1%"."""
-    from steered_marigold.core.consistency import SensorNoise
-
     try:
         amount = float(text.removesuffix("%"))
     except ValueError:
         amount = -1.0
     if not 0 <= amount < float("inf"):
         raise InputError(f"--sensor-noise {text}: give metres, as 0.01, or per cent, as 1%")
+    from steered_marigold.core.consistency import SensorNoise
+
     return SensorNoise(fraction=amount / 100) if text.endswith("%") else SensorNoise(metres=amount)
 
 

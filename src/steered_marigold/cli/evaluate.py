@@ -1,0 +1,188 @@
+"""steered-marigold evaluate: methods on a data set under a protocol, as tables and a report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from steered_marigold.cli.complete import Dtype
+from steered_marigold.cli.messages import say_error, say_warning
+from steered_marigold.errors import InputError
+
+if TYPE_CHECKING:
+    from steered_marigold.evaluation.runner import Run
+    from steered_marigold.evaluation.settings import RunSettings
+
+_DATA, _PROTOCOL, _RUN = "Which frames", "What is measured", "How to run"
+
+
+def _data(*names: str, **kwargs: Any) -> Any:
+    return Option(*names, rich_help_panel=_DATA, **kwargs)
+
+
+def _protocol(*names: str, **kwargs: Any) -> Any:
+    return Option(*names, rich_help_panel=_PROTOCOL, **kwargs)
+
+
+def _run(*names: str, **kwargs: Any) -> Any:
+    return Option(*names, rich_help_panel=_RUN, **kwargs)
+
+
+def evaluate(
+    dataset: Annotated[str, Argument(help="nyuv2, nyuv2-h5, kitti or folder.")],
+    path: Annotated[Path, Argument(help="nyu_depth_v2_labeled.mat, or the data set's folder.")],
+    *,
+    output: Annotated[
+        Path, Option("-o", "--output", help="Folder of the run; a stopped run goes on there.")
+    ],
+    methods: Annotated[
+        str,
+        Option(help="Names with commas; settings after @: steered:paper@steering_strength=0.2."),
+    ] = "linear,nearest,ip-basic,telea,marigold,steered",
+    split: Annotated[str, _data(help="Of nyuv2: test, train or all.")] = "test",
+    ground_truth: Annotated[
+        str, _data(help="Of nyuv2: raw (the sensor's) or inpainted (dense).")
+    ] = "raw",
+    depth_scale: Annotated[
+        float | None, _data(help="Of a folder: metres per unit; default as in `complete`.")
+    ] = None,
+    max_depth: Annotated[
+        float | None, _data(help="Of a folder: farther depth [m] counts as missing.")
+    ] = None,
+    frames: Annotated[Path | None, _data(help="File with one frame id a line.")] = None,
+    limit: Annotated[int | None, _data(min=1, help="So many frames, evenly spaced.")] = None,
+    protocol: Annotated[
+        str,
+        _protocol(
+            help="paper-uniform, paper-erased, range, lidar, objects, sensor, or given (the data "
+            "set's own sparse depth)."
+        ),
+    ] = "paper-erased",
+    points: Annotated[
+        int | None, _protocol(help="Of paper-*: samples.", show_default="5 % of all pixels")
+    ] = None,
+    max_range: Annotated[
+        float | None, _protocol(help="Of range: how far the sensor reaches [m].", show_default="3")
+    ] = None,
+    lines: Annotated[int | None, _protocol(help="Of lidar: scan lines.", show_default="64")] = None,
+    masks: Annotated[
+        Path | None, _protocol(help="Of sensor: a folder of real depth maps, for their holes.")
+    ] = None,
+    noise: Annotated[
+        float, _protocol(help="Standard deviation of noise, as a fraction of the depth.")
+    ] = 0.0,
+    outliers: Annotated[float, _protocol(help="Fraction of the measurements that is wrong.")] = 0.0,
+    official_metrics: Annotated[
+        bool,
+        _protocol("--official-metrics", help="Count negative depth as right, as the authors do."),
+    ] = False,
+    seed: Annotated[int, _run(min=0, help="Of the samples and of the methods.")] = 0,
+    workers: Annotated[int, _run(min=1, help="Processes.")] = 1,
+    checkpoint: Annotated[
+        str, _run(help="embedded, a folder, or a hub id in Marigold's format.")
+    ] = "embedded",
+    device: Annotated[str, _run(help="cpu, cuda, mps.")] = "cpu",
+    dtype: Annotated[
+        Dtype | None, _run(help="What the networks compute in.", show_default="the method's")
+    ] = None,
+    weights: Annotated[
+        list[str] | None, _run(help="METHOD=FILE, for bpnet and completionformer; repeatable.")
+    ] = None,
+    overwrite: Annotated[
+        bool, _run("--overwrite", help="Begin anew if the folder holds a run.")
+    ] = False,
+) -> None:
+    """Compare methods on a data set, and write tables and a report.
+
+    See docs/evaluation.md for protocols, areas and files.
+    """
+    from steered_marigold.datasets.dataset import select_frames
+    from steered_marigold.datasets.registry import open_dataset
+    from steered_marigold.evaluation.protocol import Protocol
+    from steered_marigold.evaluation.report import write_outputs
+    from steered_marigold.evaluation.settings import RunSettings
+
+    reading: dict[str, Any] = {
+        "split": split,
+        "ground_truth": ground_truth,
+        "depth_scale": depth_scale,
+        "max_depth": max_depth,
+    }
+    settings = RunSettings(
+        dataset=dataset,
+        path=path.resolve(),
+        **reading,
+        protocol=Protocol(
+            kind=protocol,
+            points=points,
+            max_range=max_range,
+            lines=lines,
+            masks=masks and masks.resolve(),
+            noise=noise,
+            outliers=outliers,
+        ),
+        methods=split_methods(methods),
+        frames=select_frames(
+            open_dataset(dataset, path, **reading), frames_file=frames, limit=limit
+        ),
+        seed=seed,
+        official_metrics=official_metrics,
+        checkpoint=checkpoint,
+        device=device,
+        dtype=None if dtype is None else dtype.value,
+        weights=dict(_method_and_file(item) for item in weights or []),
+    )
+    run = _run_with_progress(settings, output, workers=workers, overwrite=overwrite)
+    for method, reason in run.left_out.items():
+        say_warning(f"{method} was left out: {reason}")
+    write_outputs(run, output)
+    print((output / "table.md").read_text(encoding="utf-8"))
+    print(f"report: {output / 'report.html'}")
+    if run.failures:
+        say_error(f"{len(run.failures)} images failed; see {output / 'table.md'}")
+        raise typer.Exit(1)
+
+
+def split_methods(text: str) -> tuple[str, ...]:
+    """Names at commas, but `a@x=1,y=2` is one name. InputError for none or a repeated one."""
+    names: list[str] = []
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        if "=" in part and "@" not in part and names:
+            names[-1] += f",{part}"
+        else:
+            names.append(part)
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"--methods {text!r} names no method, or one of them twice")
+    return tuple(names)
+
+
+def _method_and_file(text: str) -> tuple[str, Path]:
+    method, separator, file = text.partition("=")
+    if not separator:
+        raise InputError(f"--weights {text!r} must be METHOD=FILE")
+    return method, Path(file).resolve()
+
+
+def _run_with_progress(
+    settings: "RunSettings", folder: Path, *, workers: int, overwrite: bool
+) -> "Run":
+    """Runs, with a bar and the time left on a terminal; failures are told as they happen."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from steered_marigold.evaluation.results import ImageResult
+    from steered_marigold.evaluation.runner import run_evaluation
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
+        bar = progress.add_task("evaluating", total=None)
+
+        def on_result(result: ImageResult, done: int, total: int) -> None:
+            progress.update(bar, completed=done, total=total, description=result.method)
+            if result.error:
+                say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
+
+        return run_evaluation(
+            settings, folder, workers=workers, overwrite=overwrite, on_result=on_result
+        )
