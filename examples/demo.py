@@ -15,14 +15,16 @@ def main() -> None:
     """What `make demo` runs: `steered-marigold complete` on the sample."""
     out = Path("demo")
     out.mkdir(exist_ok=True)
+    options = {
+        "--intrinsics": SAMPLE / "intrinsics.txt",
+        "--ensemble": 4,
+        "--output": out / "depth.png",
+        "--visualization": out / "panels.png",
+        "--point-cloud": out / "cloud.ply",
+    }
+    words = [str(word) for option in options.items() for word in option]
     image = next(SAMPLE.glob("image.*"))
-    app(
-        ["complete", str(image), str(SAMPLE / "depth.png")]
-        + ["--intrinsics", str(SAMPLE / "intrinsics.txt"), "--ensemble", "4"]
-        + ["--output", str(out / "depth.png")]
-        + ["--visualization", str(out / "panels.png")]
-        + ["--point-cloud", str(out / "cloud.ply")]
-    )
+    app(["complete", str(image), str(SAMPLE / "depth.png"), *words])
 
 
 if __name__ == "__main__":
