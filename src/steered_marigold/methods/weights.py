@@ -49,7 +49,8 @@ def _read(path: Path) -> object:
             return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # a damaged file can fail anywhere in its reader
         raise CheckpointError(
-            f"{path} cannot be read as weights alone; get the authors' file again: {error}"
+            f"{path} cannot be read as weights alone ({type(error).__name__}); it is damaged, or "
+            "needs code to be run: get the authors' file again"
         ) from error
 
 

@@ -27,14 +27,14 @@ class BPNet(nn.Module):
     def __init__(self, *, width: int = 32) -> None:
         super().__init__()
         channels = [min(2**level, 8) * width for level in range(LEVELS)]
-        full, half, quarter, *low = channels
+        full, half, quarter, low, *_ = channels
 
         self.conv_img = nn.Sequential(conv_unit(3, full), residual_stage(full, full, blocks=2))
         self.layer1_img = residual_stage(full, half, blocks=2, stride=2)
         self.layer2_img = residual_stage(half, quarter, blocks=2, stride=2)
-        self.layer3_img = residual_stage(quarter, low[0], blocks=2, stride=2)
-        self.layer4_img = residual_stage(low[0], low[1], blocks=2, stride=2)
-        self.layer5_img = residual_stage(low[1], low[2], blocks=2, stride=2)
+        self.layer3_img = residual_stage(quarter, low, blocks=2, stride=2)
+        self.layer4_img = residual_stage(low, low, blocks=2, stride=2)
+        self.layer5_img = residual_stage(low, low, blocks=2, stride=2)
 
         self.pred0 = Scale(0, channels)
         self.pred1 = Scale(1, channels)
@@ -63,15 +63,14 @@ class BPNet(nn.Module):
             self.layer5_img,
         ):
             features.append(layer(features[-1]))
-        coarser, depth = None, sparse_depth
-        for scale in (self.pred5, self.pred4, self.pred3, self.pred2, self.pred1, self.pred0):
-            fused, depth = scale(features.pop(), coarser, sparse_depth, K)
-            coarser = torch.cat((fused, depth), dim=1)
-        return depth
+        estimate: Tensor = self.pred5(features.pop(), None, sparse_depth, K)
+        for scale in (self.pred4, self.pred3, self.pred2, self.pred1, self.pred0):
+            estimate = scale(features.pop(), estimate, sparse_depth, K)
+        return estimate[:, -1:]
 
 
 class Scale(nn.Module):
-    """One scale: preprocessing by propagation, multi-modal fusion, refinement (Sec. 3.2-3.4).
+    """One scale: pre-processing by propagation, multi-modal fusion, refinement.
 
     level: 0 at full resolution, one more each time it halves. channels: of all levels.
     """
@@ -90,14 +89,14 @@ class Scale(nn.Module):
     def forward(
         self,
         features: Float[Tensor, "batch channels low_height low_width"],
-        coarser: Float[Tensor, "batch coarse_channels coarse_height coarse_width"] | None,
+        coarser: Float[Tensor, "batch coarser_outputs coarse_height coarse_width"] | None,
         sparse_depth: Float[Tensor, "batch 1 height width"],
         K: Float[Tensor, "3 3"],
-    ) -> tuple[
-        Float[Tensor, "batch channels low_height low_width"],
-        Float[Tensor, "batch 1 low_height low_width"],
-    ]:
-        """Fused features and depth. features: of the image. coarser: both answers one level up."""
+    ) -> Float[Tensor, "batch outputs low_height low_width"]:
+        """Fused features, and depth as the last channel. coarser: the same, from one level up.
+
+        features: of the image.
+        """
         # the published weights know K by plain division, without the shift of pixel centres
         K = K / K.new_tensor([[self.downscale], [self.downscale], [1]])
         if self.upcat is not None:
@@ -106,7 +105,7 @@ class Scale(nn.Module):
         depth = self.prop(features, _points(sparse, K))
         features = self.fuse(torch.cat((features, _points(depth, K)), dim=1))
         depth = depth + self.conv(features)
-        return features, self.cspn(features, depth, sparse)
+        return torch.cat((features, self.cspn(features, depth, sparse)), dim=1)
 
 
 def _points(

@@ -1,4 +1,4 @@
-"""BP-Net, Sec. 3.2: a first dense depth, propagated from the nearest measurements."""
+"""The pre-processing of BP-Net: a first dense depth, propagated from the nearest measurements."""
 
 import numpy as np
 import torch
@@ -76,7 +76,7 @@ class WeightedPool(nn.Module):
 
 
 class BilateralPropagation(nn.Module):
-    """Eq. 2-4: depth = sum over four neighbours of omega * (alpha * d + beta).
+    """Depth as the sum over four measured neighbours of omega * (alpha * d + beta).
 
     alpha, beta and omega come from a perceptron on both pixels' features, the neighbour's 3D point
     and its offset.

@@ -1,4 +1,4 @@
-"""BP-Net, Sec. 3.4: spatial propagation with kernels of three sizes.
+"""The refinement of BP-Net: spatial propagation with kernels of three sizes.
 
 Cheng et al., "CSPN++: Learning Context and Resource Aware Convolutional Spatial Propagation
 Networks for Depth Completion", AAAI 2020.

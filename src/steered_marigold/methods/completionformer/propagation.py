@@ -40,7 +40,10 @@ def modulated_deform_conv(
 
 
 class NonLocalPropagation(nn.Module):
-    """Six propagations, each pixel from eight learned places and itself (paper Eq. 2, 8-10)."""
+    """Six propagations, each pixel from eight learned places and itself.
+
+    Measurements are not put back in between: the weights were trained without that option.
+    """
 
     def __init__(self) -> None:
         super().__init__()

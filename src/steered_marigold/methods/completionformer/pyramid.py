@@ -92,7 +92,7 @@ class PatchEmbedding(nn.Module):
 
 
 class JointBlock(nn.Module):
-    """Paper Fig. 2, JCAT: a transformer block and a convolutional block side by side, merged."""
+    """The paper's JCAT: a transformer block and a convolutional block side by side, merged."""
 
     def __init__(self, channels: int, stage: Stage) -> None:
         super().__init__()
@@ -115,7 +115,7 @@ class JointBlock(nn.Module):
 
 
 class Attention(nn.Module):
-    """Attention of all pixels to keys and values from a reduced map (PVT, Eq. 1-3)."""
+    """PVT's attention of all pixels to keys and values from a reduced map."""
 
     def __init__(self, channels: int, stage: Stage) -> None:
         super().__init__()
