@@ -25,7 +25,7 @@ class ImageResult:
 
     method: str
     frame_id: str
-    areas: Mapping[str, Mapping[str, float]]
+    areas: Mapping[str, Mapping[str, int | float]]
     seconds: float | None = None
     trusted_fraction: float | None = None
     max_deviation_m: float | None = None
@@ -47,7 +47,7 @@ def score(
     if not completion.metric:
         raise InputError(f"{method} gave relative depth, which has no error in metres")
     depth = completion.depth[0].cpu()
-    areas: dict[str, dict[str, float]] = {}
+    areas: dict[str, dict[str, int | float]] = {}
     for name, mask in frame.areas.items():
         if not mask.any():
             continue

@@ -91,7 +91,9 @@ class Evaluator:
             return score(completion, frame, method=label, seconds=seconds, official=official)
         except Exception as error:  # one bad image must not end a run of hours
             message = str(error) if isinstance(error, SteeredMarigoldError) else repr(error)
-            return ImageResult(method=label, frame_id=frame_id, areas={}, error=message)
+            return ImageResult(
+                method=label, frame_id=frame_id, areas={}, error=" ".join(message.split())
+            )
 
 
 def run_evaluation(

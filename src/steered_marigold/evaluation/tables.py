@@ -25,9 +25,14 @@ _TITLES = {
     "ause": "AUSE ↓",
     "coverage90": "coverage of 90 %",
 }
-_LATEX = str.maketrans(
-    {"δ": r"$\delta$", "↓": r"$\downarrow$", "↑": r"$\uparrow$", "–": "--", "%": r"\%", "_": r"\_"}
-)
+_LATEX = {
+    "%": r"\%",
+    "_": r"\_",
+    "δ1": r"$\delta_1$",
+    "↓": r"$\downarrow$",
+    "↑": r"$\uparrow$",
+    "–": "--",
+}
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,7 @@ def to_latex(tables: Sequence[Table]) -> str:
     lines = [
         rf"\begin{{tabular}}{{ll{'c' * len(columns)}}}",
         r"\toprule",
-        _ampersands(("Method", "Evaluation area", *columns)),
+        _ampersands(map(_escape_latex, ("Method", "Evaluation area", *columns))),
     ]
     for table in tables:
         lines.append(r"\midrule")
@@ -142,12 +147,18 @@ def to_latex(tables: Sequence[Table]) -> str:
 
 
 def _latex(cell: Cell, style: str) -> str:
-    style = "textbf" if cell.best else style
-    return rf"\{style}{{{cell.text}}}" if style else cell.text
+    style, text = "textbf" if cell.best else style, _escape_latex(cell.text)
+    return rf"\{style}{{{text}}}" if style else text
+
+
+def _escape_latex(text: str) -> str:
+    for character, replacement in _LATEX.items():
+        text = text.replace(character, replacement)
+    return text
 
 
 def _ampersands(texts: Iterable[str]) -> str:
-    return " & ".join(text.translate(_LATEX) for text in texts) + r" \\"
+    return " & ".join(texts) + r" \\"
 
 
 def _pipes(texts: Iterable[str]) -> str:

@@ -1,0 +1,220 @@
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from steered_marigold.core.metrics import depth_errors
+from steered_marigold.errors import (
+    CheckpointError,
+    FileFormatError,
+    InputError,
+    SizeMismatchError,
+)
+from steered_marigold.evaluation.protocol import Protocol, prepare
+from steered_marigold.evaluation.results import ImageResult, ResultLog
+from steered_marigold.evaluation.runner import Evaluator, Run, run_evaluation
+from steered_marigold.evaluation.settings import RunSettings
+from steered_marigold.evaluation.summary import summarize
+from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.registry import create_method
+
+Factory = Callable[[str], DepthCompleter]
+
+
+def figures(run: Run) -> list[dict[str, Any]]:
+    """The rows of the summary without what depends on the clock."""
+    rows: list[dict[str, Any]] = summarize(run)["rows"]
+    return [{key: row[key] for key in row if key != "seconds_per_image"} for row in rows]
+
+
+def test_errors_are_those_of_the_method_on_the_frame(tiny: RunSettings, tmp_path: Path) -> None:
+    run = run_evaluation(tiny, tmp_path)
+    assert list(run.results) == ["nearest", "linear"]
+    assert [result.frame_id for result in run.results["linear"]] == list(tiny.frames)
+    sample = tiny.open_dataset().load("f2")
+    frame = prepare(sample, tiny.protocol, seed=0)
+    sparse = frame.measurements
+    answer = create_method("linear").complete(frame.image, sparse.sparse_depth, sparse.valid_mask)
+    expected = depth_errors(answer.depth[0], sample.depth, ~sparse.valid_mask)
+    result = run.results["linear"][2]
+    assert result.areas["hidden"]["abs_rel"] == expected.abs_rel
+    assert result.areas["hidden"]["valid_pixels"] == 32 * 40 - 8 * 40
+    assert result.areas["measured"]["abs_rel"] == 0
+    assert (result.trusted_fraction, result.max_deviation_m) == (1, 0)
+
+
+@pytest.mark.parametrize("stop_after", [1, 3, 7])
+def test_a_stopped_run_resumes_to_the_same_figures(
+    tiny: RunSettings, tmp_path: Path, stop_after: int
+) -> None:
+    whole = run_evaluation(tiny, tmp_path / "whole")
+
+    def stop(result: ImageResult, done: int, total: int) -> None:
+        if done == stop_after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_evaluation(tiny, tmp_path / "stopped", on_result=stop)
+    log = tmp_path / "stopped" / "results.jsonl"
+    assert len(log.read_bytes().splitlines()) == stop_after
+    with log.open("ab") as file:  # as if killed while writing
+        file.write(b'{"method": "linear", "frame_')
+    counts: list[tuple[int, int]] = []
+    resumed = run_evaluation(
+        tiny,
+        tmp_path / "stopped",
+        on_result=lambda result, done, total: counts.append((done, total)),
+    )
+    assert counts == [(done, 8) for done in range(stop_after + 1, 9)]
+    assert figures(resumed) == figures(whole)
+    assert figures(run_evaluation(tiny, tmp_path / "stopped")) == figures(whole)
+
+
+def test_workers_and_order_change_nothing(tiny: RunSettings, tmp_path: Path) -> None:
+    one = run_evaluation(tiny, tmp_path / "one")
+    two = run_evaluation(tiny, tmp_path / "two", workers=2)
+    assert two.threads_per_worker == max(1, torch.get_num_threads() // 2)
+    assert figures(one) == figures(two)
+    swapped = run_evaluation(replace(tiny, methods=("linear", "nearest")), tmp_path / "swapped")
+    assert sorted(figures(swapped), key=repr) == sorted(figures(one), key=repr)
+
+
+def test_frames_and_methods_may_be_added(tiny: RunSettings, tmp_path: Path) -> None:
+    small = replace(tiny, methods=("nearest",), frames=tiny.frames[:2])
+    assert len(run_evaluation(small, tmp_path).results["nearest"]) == 2
+    done: list[str] = []
+    run_evaluation(tiny, tmp_path, on_result=lambda result, *_: done.append(result.method))
+    assert (done.count("nearest"), done.count("linear")) == (2, 4)
+
+
+def test_another_run_in_the_folder_is_refused(tiny: RunSettings, tmp_path: Path) -> None:
+    run_evaluation(tiny, tmp_path)
+    other = replace(tiny, seed=1, protocol=Protocol(kind="lidar", lines=4))
+    with pytest.raises(InputError, match=r"another protocol, seed; choose another folder"):
+        run_evaluation(other, tmp_path)
+    assert run_evaluation(other, tmp_path, overwrite=True).settings.seed == 1
+    assert run_evaluation(other, tmp_path).settings.seed == 1
+
+
+def test_a_failing_image_is_counted_and_tried_again(
+    tiny: RunSettings, tmp_path: Path, failing_on: Callable[[Path], Factory]
+) -> None:
+    settings = replace(tiny, methods=("wrapped", "linear"))
+    create = failing_on(tiny.path / "rgb" / "f1.png")
+    run = run_evaluation(settings, tmp_path, create=create)
+    assert [(x.method, x.frame_id) for x in run.failures] == [("wrapped", "f1")]
+    assert "out of ideas" in str(run.failures[0].error)
+    rows = {(row["method"], row["area"]): row for row in figures(run)}
+    assert (rows["wrapped", "full"]["images"], rows["wrapped", "full"]["failed"]) == (3, 1)
+    assert (rows["linear", "full"]["images"], rows["linear", "full"]["failed"]) == (4, 0)
+    answered = [x.areas["full"]["mae_m"] for x in run.results["wrapped"] if not x.error]
+    assert rows["wrapped", "full"]["mae_m"] == pytest.approx(np.mean(answered))
+    again: list[str] = []
+    mended = run_evaluation(
+        settings,
+        tmp_path,
+        create=failing_on(tiny.path / "rgb" / "f0.png"),
+        on_result=lambda result, *_: again.append(result.frame_id),
+    )
+    assert again == ["f1"]
+    assert not mended.failures
+
+
+def test_uncertainty_and_trust_are_recorded(
+    tiny: RunSettings, tmp_path: Path, failing_on: Callable[[Path], Factory]
+) -> None:
+    settings = replace(tiny, methods=("wrapped",), frames=("f0",))
+    create = failing_on(tiny.path / "rgb" / "f1.png")
+    (row, *_) = summarize(run_evaluation(settings, tmp_path, create=create))["rows"]
+    assert row["area"] == "full"
+    assert 0 < row["coverage90"] < 1
+    assert row["spearman"] == 0  # a constant uncertainty tells nothing
+    assert row["ause"] > 0
+    assert row["trusted_fraction"] == 0.5
+    assert row["max_deviation_m"] == 0
+
+
+def test_every_method_draws_the_same_numbers_of_a_frame(
+    tiny: RunSettings, failing_on: Callable[[Path], Factory]
+) -> None:
+    evaluator = Evaluator(tiny, failing_on(tiny.path / "rgb" / "f3.png"))
+    method: Any = evaluator.method("wrapped")
+    for frame_id in ("f0", "f1", "f0"):
+        assert evaluator.evaluate("wrapped", frame_id).error is None
+    assert method.draws[0] == method.draws[2] != method.draws[1]
+
+
+def test_methods_without_weights_are_left_out(tiny: RunSettings, tmp_path: Path) -> None:
+    run = run_evaluation(replace(tiny, methods=("bpnet", "nearest")), tmp_path)
+    assert list(run.results) == ["nearest"]
+    assert "weights" in run.left_out["bpnet"]
+    with pytest.raises(CheckpointError, match=r"no method can run: bpnet"):
+        run_evaluation(replace(tiny, methods=("bpnet",)), tmp_path / "none")
+
+
+def test_wrong_names_are_told_before_any_work(tiny: RunSettings, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'nearst'"):
+        run_evaluation(replace(tiny, methods=("linear", "nearst")), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_frames_smaller_than_the_papers_crop_fail(tiny: RunSettings, tmp_path: Path) -> None:
+    run = run_evaluation(replace(tiny, protocol=Protocol(kind="paper-erased")), tmp_path)
+    assert len(run.failures) == 8
+    assert "608x448" in str(run.failures[0].error)
+    with pytest.raises(SizeMismatchError):
+        Evaluator(replace(tiny, protocol=Protocol(kind="paper-erased"))).prepare("f0")
+    assert {row["abs_rel"] for row in figures(run)} == {None}
+
+
+def test_settings_survive_json(tiny: RunSettings, tmp_path: Path) -> None:
+    settings = replace(
+        tiny,
+        protocol=Protocol(kind="sensor", masks=tmp_path, noise=0.1),
+        weights={"bpnet": tmp_path / "b.pth"},
+        dtype="bfloat16",
+    )
+    assert RunSettings.from_json(json.loads(json.dumps(settings.to_json()))) == settings
+    with pytest.raises(FileFormatError, match="settings of a run"):
+        RunSettings.from_json({"dataset": "folder"})
+
+
+@pytest.mark.parametrize(
+    ("kind", "label", "name"),
+    [
+        ("paper-uniform", "steered:paper", "steered:paper@condition_alignment=minmax"),
+        (
+            "paper-uniform",
+            "steered:paper@steering_strength=0.2",
+            "steered:paper@steering_strength=0.2,condition_alignment=minmax",
+        ),
+        (
+            "paper-uniform",
+            "steered:paper@condition_alignment=least_squares",
+            "steered:paper@condition_alignment=least_squares",
+        ),
+        ("paper-erased", "steered:paper", "steered:paper"),
+        ("paper-uniform", "steered", "steered"),
+    ],
+)
+def test_the_paper_aligns_by_minmax_under_uniform_alone(
+    tiny: RunSettings, kind: str, label: str, name: str
+) -> None:
+    assert replace(tiny, protocol=Protocol(kind=kind)).method_name(label) == name
+
+
+def test_log_reads_what_it_wrote(tmp_path: Path) -> None:
+    log = ResultLog(tmp_path / "log.jsonl")
+    assert log.read() == {}
+    first = ImageResult(method="a", frame_id="1", areas={"full": {"irmse_per_km": float("inf")}})
+    log.append(ImageResult(method="a", frame_id="1", areas={}, error="no"))
+    log.append(first)
+    assert log.read() == {("a", "1"): first}
+    log.path.write_text("nonsense\n")
+    with pytest.raises(FileFormatError, match="not a log"):
+        log.read()
