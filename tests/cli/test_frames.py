@@ -24,7 +24,7 @@ def _run(
     inputs = Inputs(image=files[0], depth=files[1])
     asked = Outputs(**({"depth": files[0].parent / "out.png"} | outputs))
     require_consistent(inputs, asked, settings)
-    asked.require_writable(inputs)
+    asked.require_distinct(inputs)
     return complete_frame(completer, read_frame(inputs, settings), inputs, asked, settings)
 
 
@@ -232,7 +232,7 @@ def test_outputs_never_hit_inputs_or_each_other(frame_files: tuple[Path, Path]) 
     image, depth = frame_files
     inputs = Inputs(image=image, depth=depth)
     with pytest.raises(InputError, match="is an input"):
-        Outputs(depth=depth.parent / "." / depth.name).require_writable(inputs)
+        Outputs(depth=depth.parent / "." / depth.name).require_distinct(inputs)
     out = depth.parent / "out.png"
     with pytest.raises(InputError, match="named twice"):
-        Outputs(depth=out, visualization=out).require_writable(inputs)
+        Outputs(depth=out, visualization=out).require_distinct(inputs)

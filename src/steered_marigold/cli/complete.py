@@ -158,6 +158,7 @@ def complete(
     from steered_marigold.cli.folders import complete_folders, plan_folders
     from steered_marigold.cli.frames import complete_frame, read_frame
     from steered_marigold.cli.settings import Inputs, Outputs, Settings, require_consistent
+    from steered_marigold.io.files import require_writable
     from steered_marigold.io.intrinsics import read_intrinsics
 
     inputs = Inputs(image=image, depth=depth, confidence=confidence)
@@ -192,7 +193,9 @@ def complete(
 
     if not image.is_dir():
         require_consistent(inputs, outputs, settings)
-        outputs.require_writable(inputs)
+        outputs.require_distinct(inputs)
+        for path in outputs.asked().values():
+            require_writable(path)
         frame = read_frame(inputs, settings)  # bad input is told before the model is loaded
         completer, load_seconds = _load(model, progress=sys.stderr.isatty())
         record = complete_frame(completer, frame, inputs, outputs, settings)

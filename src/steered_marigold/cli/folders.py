@@ -32,7 +32,7 @@ class Plan:
 def plan_folders(
     inputs: Inputs, outputs: Outputs, settings: Settings, *, suffix: str, overwrite: bool
 ) -> Plan:
-    """Pairs the files of the input folders by stem and creates the output folders.
+    """Pairs the files of the input folders by stem; writes nothing.
 
     Raises InputError if something is no folder, if there is no pair, or if an output would
     overwrite an input.
@@ -42,12 +42,10 @@ def plan_folders(
             raise InputError(f"{folder}: {inputs.image} is a folder, so this must be one too")
     require_consistent(inputs, outputs.of_frame("frame", suffix), settings)
     pairs, failed = _pair_by_stem(inputs)
-    for folder in outputs.asked().values():
-        create_folder(folder)
     todo = []
     for stem, frame_inputs in pairs.items():
         frame_outputs = outputs.of_frame(stem, suffix)
-        frame_outputs.require_writable(frame_inputs)
+        frame_outputs.require_distinct(frame_inputs)
         if overwrite or not all(path.exists() for path in frame_outputs.asked().values()):
             todo.append((frame_inputs, frame_outputs))
     return Plan(frames=todo, skipped=len(pairs) - len(todo), failed=failed)
@@ -60,7 +58,12 @@ def complete_folders(
     *,
     report: Callable[[dict[str, Any]], None],
 ) -> int:
-    """Completes the frames and reports each record; returns how many failed."""
+    """Creates the output folders, completes the frames, reports each record.
+
+    Returns how many frames failed. Raises InputError if a folder cannot be created.
+    """
+    for folder in {path.parent for _, outputs in frames for path in outputs.asked().values()}:
+        create_folder(folder)
     failures = 0
     console = Console(stderr=True)
     with Progress(

@@ -188,7 +188,8 @@ def _write(
     if unrepresentable:
         say_warning(
             f"{outputs.depth}: {unrepresentable} depths do not fit 16 bits of "
-            f"{output_scale} m and were written as 0; .npy, .tiff and .exr hold them"
+            f"{output_scale} m and were written as 0; .npy, .tiff and .exr hold them, "
+            "or another --output-scale"
         )
     if outputs.uncertainty is not None and uncertainty is not None:
         write_saturating(outputs.uncertainty, uncertainty, output_scale=output_scale)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from steered_marigold.errors import InputError
 from steered_marigold.io.depth_maps import DEPTH_SUFFIXES
-from steered_marigold.io.files import require_suffix, require_writable
+from steered_marigold.io.files import require_suffix
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +46,10 @@ class Outputs:
         }
         return replace(self, **files)
 
-    def require_writable(self, inputs: Inputs) -> None:
-        """InputError unless each file can be written, over no other and over no input."""
+    def require_distinct(self, inputs: Inputs) -> None:
+        """InputError if an output would overwrite another one or an input."""
         taken = {path.resolve() for path in inputs.given()}
         for path in self.asked().values():
-            require_writable(path)
             if path.resolve() in taken:
                 raise InputError(f"{path}: is named twice, or is an input; choose another output")
             taken.add(path.resolve())

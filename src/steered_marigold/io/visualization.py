@@ -1,5 +1,7 @@
 """A picture of what went in and what came out, for people."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +18,9 @@ from torch import Tensor
 from steered_marigold.io.files import AnyPath, atomic_write, require_suffix
 
 _MISSING = (0.5, 0.5, 0.5)
-_PANEL_INCHES = 4.8
-_LONGEST_SIDE = 1280  # pixels of a panel; larger frames are drawn coarser
+_PANEL_INCHES, _GAP, _ABOVE, _BELOW = 4.8, 0.2, 0.35, 0.8
+_LONGEST_SIDE = 1280  # pixels of a panel; larger frames are drawn at every other pixel, or less
+_LEAST_WIDTH = 480  # pixels of a panel, so that its labels can be read
 _SPARSE = 0.05  # below this share of measured pixels, single pixels are hard to see
 
 
@@ -48,40 +51,60 @@ def draw_panels(
         sparse = _enlarged(sparse, radius=2 * step)
     known = np.where(result > 0, result, np.nan) if metric else result
     scale = _robust_range(known) if metric else Normalize(0, 1)
-    unit = "depth [m]" if metric else "relative depth"
-
-    panels: list[tuple[str, NDArray[Any], Normalize | None, str, str]] = [
-        ("image", image.cpu().numpy(), None, "", ""),
-        (f"input, {measured.mean():.1%} measured", sparse, scale, "turbo", "depth [m]"),
-        ("result", known, scale, "turbo", unit),
+    panels = [
+        _Panel("image", image.cpu().numpy()),
+        _Panel(f"input, {measured.mean():.1%} measured", sparse, scale, label="depth [m]"),
+        _Panel("result", known, scale, label="depth [m]" if metric else "relative depth"),
     ]
     if uncertainty is not None:
-        spread = uncertainty.cpu().numpy()
-        panels.append(("uncertainty", spread, _robust_range(spread), "magma", "uncertainty [m]"))
-
-    size = (_PANEL_INCHES * len(panels), _PANEL_INCHES * height / width + 1.0)
-    figure = Figure(figsize=size, dpi=min(max(width, height), _LONGEST_SIDE) / _PANEL_INCHES)
-    FigureCanvasAgg(figure)
-    figure.set_layout_engine("constrained")
-    for column, (title, values, norm, colours, label) in enumerate(panels):
-        axes = figure.add_subplot(1, len(panels), column + 1)
-        axes.set_title(title)
-        axes.set_axis_off()
-        _draw(axes, values[::step, ::step], norm, colours, label)
+        error = uncertainty.cpu().numpy()
+        label = "expected error" + (" [m]" if metric else "")
+        panels.append(_Panel("uncertainty", error, _robust_range(error), "magma", label))
+    figure = _side_by_side(
+        [replace(panel, values=panel.values[::step, ::step]) for panel in panels]
+    )
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
-def _draw(
-    axes: Axes, values: NDArray[Any], norm: Normalize | None, colours: str, label: str
-) -> None:
-    """An image, or (with a norm) a map in colours with its bar."""
-    if norm is None:
-        axes.imshow(values, interpolation="nearest")
-        return
-    colormap = colormaps[colours].with_extremes(bad=_MISSING)
-    drawn = axes.imshow(values, cmap=colormap, norm=norm, interpolation="nearest")
-    axes.figure.colorbar(drawn, ax=axes, location="bottom", label=label, shrink=0.9)
+@dataclass(frozen=True)
+class _Panel:
+    """An image, or with a norm a map drawn in colours with a bar."""
+
+    title: str
+    values: NDArray[Any]
+    norm: Normalize | None = None
+    colours: str = "turbo"
+    label: str = ""
+
+
+def _side_by_side(panels: Sequence[_Panel]) -> Figure:
+    """Each value takes at least a pixel of the figure."""
+    height, width = panels[0].values.shape[:2]
+    panel_height = _PANEL_INCHES * height / width
+    figure = Figure(
+        figsize=(len(panels) * (_PANEL_INCHES + _GAP), _BELOW + panel_height + _ABOVE),
+        dpi=max(width, _LEAST_WIDTH) / _PANEL_INCHES,
+    )
+    FigureCanvasAgg(figure)
+    for column, panel in enumerate(panels):
+        left = column * (_PANEL_INCHES + _GAP) + _GAP / 2
+        axes = _axes(figure, left, _BELOW, _PANEL_INCHES, panel_height)
+        axes.set_title(panel.title)
+        axes.set_axis_off()
+        colormap = colormaps[panel.colours].with_extremes(bad=_MISSING)
+        drawn = axes.imshow(panel.values, cmap=colormap, norm=panel.norm, interpolation="nearest")
+        if panel.norm is not None:
+            bar = _axes(figure, left, _BELOW - 0.2, _PANEL_INCHES, 0.12)
+            figure.colorbar(drawn, cax=bar, orientation="horizontal", label=panel.label)
+    return figure
+
+
+def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """Axes at a place and of a size in inches."""
+    across, up = figure.get_size_inches()
+    axes: Axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
+    return axes
 
 
 def _robust_range(values: NDArray[Any]) -> Normalize:
