@@ -84,6 +84,7 @@ def build_room(g: Generator) -> Room:
     elif chance(g, theme.group):
         _group_in_the_middle(g, room)
     _along_walls(g, room)
+    _away_from_walls(g, room)
     _about_the_floor(g, room)
     add_lamps(g, room.parts, room.lights, (width, depth, height))
     return room
@@ -219,7 +220,7 @@ def _put(g: Generator, room: Room, model: Model, position: tuple[float, float], 
 
 def _along_walls(g: Generator, room: Room) -> None:
     walls = room_walls(room.width, room.depth, room.height)
-    tries = room.theme.density * 2 * (room.width + room.depth) * between(g, 0.3, 1.0)
+    tries = room.theme.density * 2 * (room.width + room.depth) * between(g, 0.5, 1.2)
     for _ in range(int(tries)):
         model = room.anything(g)
         wall = walls[g.integers(4)]
@@ -228,6 +229,14 @@ def _along_walls(g: Generator, room: Room) -> None:
             continue
         place = wall.to_world([between(g, half, wall.length - half), between(g, 0.0, 0.06), 0.0])
         _put(g, room, model, (float(place[0]), float(place[1])), wall.yaw)
+
+
+def _away_from_walls(g: Generator, room: Room) -> None:
+    """A sofa before a television, a kitchen island, racks of a shop."""
+    for _ in range(int(g.poisson(0.25 * room.theme.density * room.width * room.depth / 10))):
+        place = (between(g, 0, room.width), between(g, 0, room.depth))
+        yaw = float(g.integers(4)) * np.pi / 2 + between(g, -0.1, 0.1)
+        _put(g, room, room.anything(g), place, yaw)
 
 
 def _alike(g: Generator, make: Make) -> Make:

@@ -12,6 +12,7 @@ from training.rooms.materials import Material
 from training.rooms.mesh import join
 from training.rooms.models import Part
 from training.rooms.textures import lookup, mean_albedo
+from training.rooms.vectors import cross, dot, unit
 
 Vectors = Float32[np.ndarray, "n 3"]
 Scalars = Float32[np.ndarray, " n"]
@@ -48,19 +49,6 @@ class Surface:
     facet: Int[np.ndarray, " n"]
 
 
-def dot(a: Vectors, b: Vectors) -> Scalars:
-    """Inner products of rows."""
-    products: Scalars = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
-    return products
-
-
-def unit(vectors: Float32[np.ndarray, "*n 3"]) -> Float32[np.ndarray, "*n 3"]:
-    """Vectors at length 1."""
-    squared = np.einsum("...i,...i->...", vectors, vectors)[..., None]
-    scaled: Float32[np.ndarray, "*n 3"] = vectors / np.sqrt(np.maximum(squared, 1e-12))
-    return scaled
-
-
 class World:
     """All triangles of a room. Rays and results are float32."""
 
@@ -82,7 +70,7 @@ class World:
         values[:, 1:] -= values[:, :1]
         self._values = np.ascontiguousarray(values)
         edges = whole.corners[:, 1:] - whole.corners[:, :1]
-        self._facing = unit(np.cross(edges[:, 0], edges[:, 1]))
+        self._facing = unit(cross(edges[:, 0], edges[:, 1]))
         self._scene = EmbreeScene()
         TriangleMesh(self._scene, np.ascontiguousarray(whole.corners))
 
@@ -106,7 +94,7 @@ class World:
 
     def material_of(self, hits: Hits) -> Int[np.ndarray, " n"]:
         """Material index at each hit; of some triangle where a ray met nothing."""
-        return self._material[hits.triangle]
+        return np.take(self._material, hits.triangle)
 
     def blocked(
         self, origins: Vectors, directions: Vectors, reach: Scalars

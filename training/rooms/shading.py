@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from training.rooms.models import Light, Sun
-from training.rooms.raycast import Hits, Scalars, Surface, Vectors, World, dot, unit
+from training.rooms.raycast import Hits, Scalars, Surface, Vectors, World
+from training.rooms.vectors import cross, dot, unit
 
 _TILE = 4
 _OFFSET = 2e-3  # rays start this far from surfaces [m]
@@ -88,7 +89,7 @@ def _power40(x: Scalars) -> Scalars:
 def _pattern(shape: tuple[int, int]) -> Int[np.ndarray, " n"]:
     """Which of the 16 samples each pixel takes."""
     y, x = np.ogrid[: shape[0], : shape[1]]
-    return ((y % _TILE) * _TILE + x % _TILE).ravel()
+    return np.ravel((y % _TILE) * _TILE + x % _TILE)
 
 
 def _strata(generator: np.random.Generator) -> Float32[np.ndarray, "16 2"]:
@@ -170,7 +171,7 @@ def _bounce(
     side = unit(side)
     directions = (
         (ring * np.cos(angle))[:, None] * side
-        + (ring * np.sin(angle))[:, None] * np.cross(normal, side)
+        + (ring * np.sin(angle))[:, None] * cross(normal, side)
         + np.sqrt(1 - a)[:, None] * normal
     ).astype(np.float32)
     hits = world.cast(origins, directions)

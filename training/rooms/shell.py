@@ -49,7 +49,7 @@ class Wall:
 
     def direction(self, x: float, y: float) -> Float[np.ndarray, "3"]:
         """A horizontal direction of the wall's frame in the world."""
-        return self.to_world([x, y, 0.0]) - self.to_world([0.0, 0.0, 0.0])
+        return np.asarray(self.to_world([x, y, 0.0]) - self.to_world([0.0, 0.0, 0.0]))
 
 
 def room_walls(width: float, depth: float, height: float) -> list[Wall]:

@@ -30,7 +30,7 @@ def fractal_noise(
     phase = np.fft.rfft2(generator.standard_normal((SIDE, SIDE)))
     noise = np.fft.irfft2(phase * amplitude, s=(SIDE, SIDE))
     low, high = np.quantile(noise, [0.01, 0.99])
-    return np.clip((noise - low) / (high - low), 0, 1).astype(np.float32)
+    return np.asarray(np.clip((noise - low) / (high - low), 0, 1), dtype=np.float32)
 
 
 def random_colour(
@@ -41,7 +41,7 @@ def random_colour(
     s = saturation * generator.random() ** 1.5  # most things are rather grey
     v = generator.uniform(*value)
     k = (np.array([5.0, 3.0, 1.0]) + hue * 6.0) % 6.0
-    return (v - v * s * np.clip(np.minimum(k, 4.0 - k), 0, 1)).astype(np.float32)
+    return np.asarray(v - v * s * np.clip(np.minimum(k, 4.0 - k), 0, 1), dtype=np.float32)
 
 
 def _palette(generator: np.random.Generator, count: int) -> Float32[np.ndarray, "count 3"]:
@@ -88,7 +88,7 @@ def _tiles(generator: np.random.Generator) -> Texture:
     width = generator.uniform(0.01, 0.04)
     grout = (x % 1 < width) | (y % 1 < width)
     image[grout] = generator.uniform(0.25, 0.9)
-    return image.astype(np.float32)
+    return np.asarray(image, dtype=np.float32)
 
 
 def _bricks(generator: np.random.Generator) -> Texture:
@@ -154,7 +154,7 @@ def _carpet(generator: np.random.Generator) -> Texture:
     cuts = np.sort(generator.integers(4, 60, 4))
     border = colours[np.searchsorted(cuts, inset.ravel())].reshape(SIDE, SIDE, 3)
     image = np.where((inset < cuts[-1])[..., None], border, field)
-    return (image * _weave(generator)).astype(np.float32)
+    return np.asarray(image * _weave(generator), dtype=np.float32)
 
 
 def _art(generator: np.random.Generator) -> Texture:
