@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steered_marigold.cli import complete
+from steered_marigold.cli import complete, evaluate
 from steered_marigold.cli.messages import say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
@@ -30,6 +30,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("complete")(complete.complete)
+app.command("evaluate")(evaluate.evaluate)
+app.command("evaluate")(evaluate.evaluate)
 
 
 def _print_version(asked: bool) -> bool:
