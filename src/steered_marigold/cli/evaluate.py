@@ -134,8 +134,6 @@ def evaluate(
         weights=dict(_method_and_file(item) for item in weights or []),
     )
     run = _run_with_progress(settings, output, workers=workers, overwrite=overwrite)
-    for method, reason in run.left_out.items():
-        say_warning(f"{method} was left out: {reason}")
     write_outputs(run, output)
     print((output / "table.md").read_text(encoding="utf-8"))
     print(f"report: {output / 'report.html'}")
@@ -184,5 +182,10 @@ def _run_with_progress(
                 say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
 
         return run_evaluation(
-            settings, folder, workers=workers, overwrite=overwrite, on_result=on_result
+            settings,
+            folder,
+            workers=workers,
+            overwrite=overwrite,
+            on_result=on_result,
+            warn=say_warning,
         )

@@ -104,18 +104,22 @@ def run_evaluation(
     workers: int = 1,
     overwrite: bool = False,
     on_result: OnResult = lambda result, done, total: None,
+    warn: Callable[[str], None] = lambda sentence: None,
 ) -> Run:
     """Completes and scores every frame with every method, and keeps the results in `folder`.
 
     A run that was stopped goes on where it was; images that failed are tried again. More frames
     or methods may be added to a folder, all else must be the same. `create` must be picklable if
-    there are several workers. `on_result` gets each result, how many are done, and of how many.
+    there are several workers. `on_result` gets each result, how many are done, and of how many;
+    `warn` a sentence for each method that is left out.
 
     Raises InputError if the folder holds another run (unless `overwrite`), CheckpointError if no
     method can run, SteeredMarigoldError if a worker process died.
     """
     evaluator = Evaluator(settings, create)
     left_out = _missing_methods(evaluator)
+    for label, reason in left_out.items():
+        warn(f"{label} is left out: {reason}")
     labels = [label for label in settings.methods if label not in left_out]
     if not labels:
         raise CheckpointError(f"no method can run: {'; '.join(left_out.values())}")
