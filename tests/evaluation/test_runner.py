@@ -1,4 +1,3 @@
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -172,16 +171,20 @@ def test_frames_smaller_than_the_papers_crop_fail(tiny: RunSettings, tmp_path: P
     assert {row["abs_rel"] for row in figures(run)} == {None}
 
 
-def test_settings_survive_json(tiny: RunSettings, tmp_path: Path) -> None:
+def test_settings_survive_their_file(tiny: RunSettings, tmp_path: Path) -> None:
     settings = replace(
         tiny,
         protocol=Protocol(kind="sensor", masks=tmp_path, noise=0.1),
         weights={"bpnet": tmp_path / "b.pth"},
         dtype="bfloat16",
     )
-    assert RunSettings.from_json(json.loads(json.dumps(settings.to_json()))) == settings
-    with pytest.raises(FileFormatError, match="settings of a run"):
-        RunSettings.from_json({"dataset": "folder"})
+    settings.save(tmp_path)
+    assert RunSettings.load(tmp_path) == settings
+    with pytest.raises(FileFormatError, match=r"run\.json: no such file"):
+        RunSettings.load(tmp_path / "absent")
+    (tmp_path / "run.json").write_text('{"dataset": "folder"}')
+    with pytest.raises(FileFormatError, match=r"run\.json: damaged"):
+        RunSettings.load(tmp_path)
 
 
 @pytest.mark.parametrize(

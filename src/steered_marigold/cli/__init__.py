@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steered_marigold.cli import complete, evaluate
+from steered_marigold.cli import complete, evaluate, figures
 from steered_marigold.cli.messages import say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
@@ -31,7 +31,7 @@ app = typer.Typer(
 )
 app.command("complete")(complete.complete)
 app.command("evaluate")(evaluate.evaluate)
-app.command("evaluate")(evaluate.evaluate)
+app.command("figures")(figures.figures)
 
 
 def _print_version(asked: bool) -> bool:

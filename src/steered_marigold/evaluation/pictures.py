@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -47,7 +47,7 @@ def frame_picture(frame: PreparedFrame, answers: Answers) -> Figure:
 
     All depths share one scale, that of the truth, and all errors another; bars in metres.
     """
-    truth = np.where(whole_area(frame).numpy(), frame.depth.numpy(), np.nan)
+    truth = truth_picture(frame)
     depths, errors = colour_range(truth), Normalize(0, max(0.1, 0.25 * float(np.nanmedian(truth))))
     figure, axes = panels(2, 2 + len(answers), frame.depth.shape)
     show(axes[0, 0], frame.image.numpy(), "image")
@@ -103,6 +103,7 @@ def colour_range(depth: NDArray[Any]) -> Normalize:
     return Normalize(low, max(high, low + 1e-3))
 
 
-def whole_area(frame: PreparedFrame) -> Bool[Tensor, "height width"]:
-    """Where the truth is known: the first area of every protocol."""
-    return next(iter(frame.areas.values()))
+def truth_picture(frame: PreparedFrame) -> NDArray[np.float32]:
+    """The true depth; nan where it is not known."""
+    whole = next(iter(frame.areas.values()))  # the first area of every protocol is the whole frame
+    return np.where(whole.numpy(), frame.depth.numpy(), np.nan)

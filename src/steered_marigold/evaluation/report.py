@@ -49,7 +49,7 @@ def write_outputs(run: Run, folder: Path, *, create: MethodFactory | None = None
     """
     summary = write_summary(run, folder)
     tables = [area_table(run.settings, summary["rows"], a) for a in run.settings.protocol.areas]
-    reference = reference_method(run)
+    reference = reference_method(run.results)
     compared = [
         comparison_table(compare(run, reference, area=a), a) for a in run.settings.protocol.areas
     ]
@@ -62,7 +62,7 @@ def write_outputs(run: Run, folder: Path, *, create: MethodFactory | None = None
 def extreme_frames(run: Run) -> dict[str, str]:
     """The worst and the best frames of the reference method, and what to say of each."""
     area = run.settings.protocol.focus
-    values = image_values(run, reference_method(run), area, "abs_rel")
+    values = image_values(run, reference_method(run.results), area, "abs_rel")
     ranked = sorted(values, key=lambda frame_id: (-values[frame_id], frame_id))
     worst, best = ranked[:_EXTREMES], ranked[_EXTREMES:][-_EXTREMES:]
     return {
@@ -137,7 +137,7 @@ def _sections(run: Run, tables: list[Table], compared: list[Table]) -> Iterator[
         yield f"Area {table.area}", table
     for table in compared:
         if table.rows:
-            title = f"Paired difference to {reference_method(run)}, area {table.area}"
+            title = f"Paired difference to {reference_method(run.results)}, area {table.area}"
             yield f"{title} (bold: the interval leaves out 0)", table
 
 

@@ -1,6 +1,5 @@
 """Runs methods on frames, in this process or in several, and remembers each answer's errors."""
 
-import json
 import os
 import signal
 import threading
@@ -19,8 +18,9 @@ from steered_marigold.errors import CheckpointError, InputError, SteeredMarigold
 from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog, score
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
-from steered_marigold.io.files import atomic_write
 from steered_marigold.methods.protocol import DepthCompleter
+
+_MAY_CHANGE = ("methods", "frames")
 
 Task = tuple[str, str]
 OnResult = Callable[[ImageResult, int, int], None]
@@ -159,27 +159,22 @@ def _missing_methods(evaluator: Evaluator) -> dict[str, str]:
 
 def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> ResultLog:
     """The folder's log, after a check that it belongs to these settings."""
-    log, identity_file = ResultLog(folder / "results.jsonl"), folder / "run.json"
-    values = settings.to_json()
+    log = ResultLog(folder / "results.jsonl")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if overwrite:
             log.path.unlink(missing_ok=True)
-        elif log.path.is_file() and identity_file.is_file():
-            before = json.loads(identity_file.read_text(encoding="utf-8"))
-            free = ("methods", "frames")
-            changed = [key for key in values if key not in free and before.get(key) != values[key]]
-            if changed:
-                raise InputError(
-                    f"{folder}: holds a run with another {', '.join(changed)}; "
-                    "choose another folder, or --overwrite"
-                )
-        with atomic_write(identity_file) as temporary:
-            temporary.write_text(json.dumps(values, indent=1), encoding="utf-8")
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{folder}: cannot hold a run ({error})") from error
+    except OSError as error:
+        raise InputError(f"{folder}: cannot hold a run ({error.strerror})") from error
+    if log.path.is_file():
+        before, now = RunSettings.load(folder).to_json(), settings.to_json()
+        changed = [key for key in now if key not in _MAY_CHANGE and before[key] != now[key]]
+        if changed:
+            raise InputError(
+                f"{folder}: holds a run with another {', '.join(changed)}; "
+                "choose another folder, or --overwrite"
+            )
+    settings.save(folder)
     return log
 
 

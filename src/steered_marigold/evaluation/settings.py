@@ -9,8 +9,8 @@ from typing import Any
 
 from steered_marigold.datasets.dataset import Dataset
 from steered_marigold.datasets.registry import open_dataset
-from steered_marigold.errors import FileFormatError
 from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.io.files import atomic_write, decoding, require_file
 from steered_marigold.methods.protocol import DepthCompleter
 
 MethodFactory = Callable[[str], DepthCompleter]
@@ -84,21 +84,24 @@ class RunSettings:
         """As values that JSON holds."""
         return dict(json.loads(json.dumps(asdict(self), default=str)))
 
+    def save(self, folder: Path) -> None:
+        """Writes run.json, from which `load` reads the same settings."""
+        with atomic_write(folder / "run.json") as temporary:
+            temporary.write_text(json.dumps(self.to_json(), indent=1), encoding="utf-8")
+
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> "RunSettings":
-        """The inverse of to_json. Raises FileFormatError for anything else."""
-        try:
+    def load(cls, folder: Path) -> "RunSettings":
+        """The settings of the run in a folder. Raises FileFormatError if there is none."""
+        path = require_file(folder / "run.json")
+        with decoding(path):
+            values = json.loads(path.read_text(encoding="utf-8"))
             protocol = dict(values["protocol"])
             protocol["masks"] = protocol["masks"] and Path(protocol["masks"])
-            return cls(
-                **{
-                    **values,
-                    "path": Path(values["path"]),
-                    "protocol": Protocol(**protocol),
-                    "methods": tuple(values["methods"]),
-                    "frames": tuple(values["frames"]),
-                    "weights": {name: Path(path) for name, path in values["weights"].items()},
-                }
-            )
-        except (KeyError, TypeError, AttributeError) as error:
-            raise FileFormatError(f"these are not the settings of a run ({error!r})") from error
+            values |= {
+                "path": Path(values["path"]),
+                "protocol": Protocol(**protocol),
+                "methods": tuple(values["methods"]),
+                "frames": tuple(values["frames"]),
+                "weights": {name: Path(file) for name, file in values["weights"].items()},
+            }
+            return cls(**values)

@@ -4,7 +4,7 @@ import csv
 import json
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from importlib.metadata import version
 from itertools import product
@@ -68,9 +68,10 @@ def compare(run: Run, reference: str, *, area: str) -> dict[tuple[str, str], Pai
     return compared
 
 
-def reference_method(run: Run) -> str:
+def reference_method(methods: Iterable[str]) -> str:
     """What the others are compared with: `steered`, or the first method."""
-    return "steered" if "steered" in run.results else next(iter(run.results))
+    methods = tuple(methods)
+    return "steered" if "steered" in methods else methods[0]
 
 
 def write_summary(run: Run, folder: Path) -> dict[str, Any]:
@@ -90,7 +91,7 @@ def write_summary(run: Run, folder: Path) -> dict[str, Any]:
             for area, values in result.areas.items()
         ],
     )
-    reference = reference_method(run)
+    reference = reference_method(run.results)
     _write_csv(
         folder / "comparisons.csv",
         ("method", "reference", "area", "metric", "difference", "low", "high", "images"),

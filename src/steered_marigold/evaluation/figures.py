@@ -1,0 +1,118 @@
+"""The paper's figures, drawn from a frame of a run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from steered_marigold.core.geometry import center_crop
+from steered_marigold.errors import InputError
+from steered_marigold.evaluation.pictures import (
+    Answers,
+    colour_range,
+    complete_examples,
+    panels,
+    show,
+    show_depth,
+    sparse_picture,
+    truth_picture,
+)
+from steered_marigold.evaluation.protocol import PAPER_AREAS, PreparedFrame
+from steered_marigold.evaluation.runner import Evaluator
+from steered_marigold.evaluation.settings import MethodFactory, RunSettings
+from steered_marigold.evaluation.summary import reference_method
+from steered_marigold.io.files import atomic_write
+
+PAPER_KINDS = {"all samples": "paper-uniform", "centre erased": "paper-erased"}
+
+
+def draw_figures(
+    settings: RunSettings,
+    folder: Path,
+    *,
+    frame_id: str | None = None,
+    create: MethodFactory | None = None,
+) -> list[Path]:
+    """Writes the figures of one frame (by default the middle one) and returns their paths.
+
+    completion.png: image, input and completion (the paper's Fig. 1). comparison.png: every method,
+    under the paper's protocols with all samples and with the centre erased (Fig. 6). areas.png:
+    the three areas (Fig. 5), under the paper's protocols. Methods are run again; those that cannot
+    are left out.
+
+    Raises InputError if the run has no such frame, or no method can complete it.
+    """
+    frame_id = frame_id or settings.frames[len(settings.frames) // 2]
+    if frame_id not in settings.frames:
+        raise InputError(f"frame {frame_id!r} is not in the run; its first is {settings.frames[0]}")
+    kinds = {"": settings.protocol.kind}
+    if settings.protocol.from_paper:
+        kinds = PAPER_KINDS
+    shown: dict[str, tuple[PreparedFrame, Answers]] = {}
+    for title, kind in kinds.items():
+        protocol = replace(settings.protocol, kind=kind)
+        evaluator = Evaluator(replace(settings, protocol=protocol), create)
+        answers = complete_examples(evaluator, settings.methods, [frame_id])[frame_id]
+        if not answers:
+            raise InputError(f"no method of the run could complete frame {frame_id}")
+        shown[title] = evaluator.prepare(frame_id), answers
+    frame, answers = next(x for t, x in shown.items() if kinds[t] == settings.protocol.kind)
+    figures = {
+        "completion": completion_figure(frame, answers),
+        "comparison": comparison_figure(shown),
+    }
+    if settings.protocol.from_paper:
+        figures["areas"] = areas_figure(frame)
+    return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+
+
+def completion_figure(frame: PreparedFrame, answers: Answers) -> Figure:
+    """Image, input, and the completion of the reference method."""
+    scale = colour_range(truth_picture(frame))
+    label = reference_method(answers)
+    figure, axes = panels(1, 3, frame.depth.shape)
+    show(axes[0, 0], frame.image.numpy(), "image")
+    show_depth(axes[0, 1], sparse_picture(frame), scale, "input")
+    drawn = show_depth(axes[0, 2], answers[label].numpy(), scale, label)
+    figure.colorbar(drawn, ax=axes.ravel().tolist(), label="depth [m]")
+    return figure
+
+
+def comparison_figure(shown: dict[str, tuple[PreparedFrame, Answers]]) -> Figure:
+    """Input and every method's answer, a row for each way of measuring the same frame."""
+    first, _ = next(iter(shown.values()))
+    scale = colour_range(truth_picture(first))
+    labels = list(dict.fromkeys(label for _, answers in shown.values() for label in answers))
+    figure, axes = panels(len(shown), 1 + len(labels), first.depth.shape)
+    for row, (title, (frame, answers)) in zip(axes, shown.items(), strict=True):
+        drawn = show_depth(row[0], sparse_picture(frame), scale, title or "input")
+        for column, label in zip(row[1:], labels, strict=True):
+            column.set_axis_off()
+            if label in answers:
+                show_depth(column, answers[label].numpy(), scale, label)
+    figure.colorbar(drawn, ax=axes.ravel().tolist(), label="depth [m]")
+    return figure
+
+
+def areas_figure(frame: PreparedFrame) -> Figure:
+    """The three evaluation areas of the paper on the image."""
+    figure, axes = panels(1, 1, frame.depth.shape)
+    show(axes[0, 0], frame.image.numpy(), "evaluation areas")
+    size = (frame.depth.shape[0], frame.depth.shape[1])
+    for (name, area), colour in zip(PAPER_AREAS.items(), ("white", "yellow", "red"), strict=True):
+        rows, columns = center_crop(size, area)
+        axes[0, 0].add_patch(
+            Rectangle(
+                (columns.start - 0.5, rows.start - 0.5), area[1], area[0], fill=False, color=colour
+            )
+        )
+        axes[0, 0].text(columns.start + 6, rows.stop - 8, name, color=colour, fontsize=7)
+    return figure
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, dpi=200)
+    return path
