@@ -87,8 +87,8 @@ def evaluate(
         Dtype | None, _run(help="What the networks compute in.", show_default="the method's")
     ] = None,
     weights: Annotated[
-        list[str] | None, _run(help="METHOD=FILE, for bpnet and completionformer; repeatable.")
-    ] = None,
+        str, _run(help="METHOD=FILE with commas, for bpnet and completionformer.")
+    ] = "",
     overwrite: Annotated[
         bool, _run("--overwrite", help="Begin anew if the folder holds a run.")
     ] = False,
@@ -131,7 +131,7 @@ def evaluate(
         checkpoint=checkpoint,
         device=device,
         dtype=None if dtype is None else dtype.value,
-        weights=dict(_method_and_file(item) for item in weights or []),
+        weights=dict(_method_and_file(item) for item in filter(None, weights.split(","))),
     )
     run = _run_with_progress(settings, output, workers=workers, overwrite=overwrite)
     write_outputs(run, output)
