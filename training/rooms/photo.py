@@ -15,7 +15,7 @@ class Film:
     """How a camera renders light.
 
     gain: exposure and white balance, RGB. vignette: loss of light in the corners, 0..1.
-    softness: blur [px at width 320]. shake: movement during the exposure [px at width 320].
+    softness: blur [px]. shake: movement during the exposure [px at width 320].
     grain: noise at full exposure, 0..1. shoulder: where highlights start to be compressed, 0..1.
     contrast: exponent. jpeg_quality: 1..100.
     """
@@ -72,9 +72,9 @@ def _vignette(radiance: Radiance, strength: float) -> Float32[np.ndarray, "heigh
 
 def _blurred(image: Radiance, film: Film) -> Radiance:
     """A slightly soft lens, which also smooths stair-steps, and the movement of the hand."""
-    pixel = image.shape[1] / 320
-    blurred = cv2.GaussianBlur(image, (0, 0), film.softness * pixel)
+    blurred = cv2.GaussianBlur(image, (0, 0), film.softness)
     if any(film.shake):
+        pixel = image.shape[1] / 320
         reach = int(np.ceil(3 * pixel))
         kernel = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
         dx, dy = (round(v * pixel) for v in film.shake)

@@ -42,7 +42,7 @@ def returned_light(frame: RoomFrame) -> Field:
     ray = np.stack([*np.meshgrid(x, y), np.ones((height, width))], axis=-1).astype(np.float32)
     length = np.linalg.norm(ray, axis=-1)
     cosine = np.abs((ray * frame.normals).sum(axis=-1)) / length
-    diffuse = frame.albedo.mean(axis=-1) * (1 - 0.8 * frame.shininess)
+    diffuse = frame.albedo.mean(axis=-1) * (1 - 0.9 * frame.shininess)
     signal: Field = (diffuse * cosine / (frame.depth * length) ** 2).astype(np.float32)
     return signal
 

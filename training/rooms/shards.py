@@ -13,6 +13,11 @@ from training.rooms.render import render_room
 FRAMES_PER_SHARD = 100
 
 
+def first_seed(seed: int) -> int:
+    """The room of a run's first frame; a run may have a million."""
+    return seed * 1_000_000
+
+
 def shard_path(folder: Path, index: int) -> Path:
     """Where shard `index` is."""
     return folder / f"shard_{index:05d}.npz"
@@ -24,19 +29,28 @@ def write_shards(
     """Renders what is missing of `frames` frames (width, height) and yields each new shard.
 
     A shard holds image uint8 [n, height, width, 3], depth uint16 [n, height, width] in
-    millimetres and K float32 [n, 3, 3]. Frame i of the run is the room of seed
-    seed * 1 000 000 + i, so runs with different seeds share no room.
+    millimetres and K float32 [n, 3, 3]. Frame i of the run is the room of first_seed(seed) + i.
     """
     folder.mkdir(parents=True, exist_ok=True)
     tasks = []
     for first in range(0, frames, FRAMES_PER_SHARD):
         path = shard_path(folder, first // FRAMES_PER_SHARD)
         last = min(first + FRAMES_PER_SHARD, frames)
-        if not path.exists():
-            seeds = range(seed * 1_000_000 + first, seed * 1_000_000 + last)
+        if _frames_in(path) != last - first:
+            seeds = range(first_seed(seed) + first, first_seed(seed) + last)
             tasks.append((path, seeds, size))
+    if workers == 1:
+        yield from map(_write_shard, tasks)
+        return
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
         yield from pool.imap_unordered(_write_shard, tasks)
+
+
+def _frames_in(path: Path) -> int:
+    if not path.exists():
+        return 0
+    with np.load(path) as shard:
+        return len(shard["K"])
 
 
 def _write_shard(task: tuple[Path, range, tuple[int, int]]) -> Path:
