@@ -148,6 +148,7 @@ def test_published_rows_stand_beside_nyuv2_test_frames_alone(tiny: RunSettings) 
     nyuv2 = replace(tiny, dataset="nyuv2", protocol=Protocol(kind="paper-erased"))
     assert len(published_rows(nyuv2, "408x248")) == 8
     assert not published_rows(replace(nyuv2, split="train"), "408x248")
+    assert not published_rows(replace(nyuv2, ground_truth="inpainted"), "408x248")
     assert not published_rows(replace(nyuv2, dataset="folder"), "408x248")
     assert not published_rows(replace(nyuv2, protocol=Protocol(kind="range")), "full")
     table = area_table(nyuv2, [], "408x248")

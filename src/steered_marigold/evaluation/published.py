@@ -65,8 +65,8 @@ ERASED = (
 
 
 def published_rows(settings: RunSettings, area: str) -> tuple[PublishedRow, ...]:
-    """The paper's rows that a run compares with: on NYUv2's test frames under its protocols."""
-    if settings.dataset != "nyuv2" or settings.split != "test":
+    """The paper's rows that a run compares with: its data, truth and protocols."""
+    if (settings.dataset, settings.split, settings.ground_truth) != ("nyuv2", "test", "raw"):
         return ()
     table = {"paper-uniform": UNIFORM, "paper-erased": ERASED}.get(settings.protocol.kind, ())
     return tuple(row for row in table if row.area == area)

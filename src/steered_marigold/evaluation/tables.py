@@ -112,7 +112,7 @@ def to_markdown(table: Table) -> str:
             )
         )
     lines += [_pipes(f"*{cell.text}*" for cell in row) for row in table.published]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def to_html(table: Table) -> str:
