@@ -56,7 +56,7 @@ def test_comparisons_pair_the_images(finished: tuple[Run, Path]) -> None:
     hidden = images[images.area == "hidden"]
     by_method = {name: rows.rmse_m for name, rows in hidden.groupby("method")}
     expected = (by_method["linear"] - by_method["nearest"]).mean()
-    paired = compare(run, "nearest", area="hidden")["linear", "rmse_m"]
+    paired = compare(run, area="hidden")["linear", "rmse_m"]
     assert paired.difference == pytest.approx(expected)
     assert written.difference["hidden", "rmse_m"] == pytest.approx(expected)
     assert set(written.reference) == {"nearest"}
@@ -116,6 +116,8 @@ def test_failures_and_absent_methods_are_told(
         assert "3 (1 failed)" in text
         assert "wrapped, frame f1 failed" in text
         assert "bpnet was left out" in text
+        assert "**" not in text
+        assert "class=best" not in text
     assert "coverage of 90 %" in (tmp_path / "table.md").read_text()
 
 

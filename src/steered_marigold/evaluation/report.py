@@ -17,6 +17,9 @@ from steered_marigold.evaluation.summary import (
     compare,
     image_values,
     reference_method,
+    summarize,
+    write_comparisons,
+    write_images,
     write_summary,
 )
 from steered_marigold.evaluation.tables import (
@@ -47,16 +50,18 @@ def write_outputs(run: Run, folder: Path, *, create: MethodFactory | None = None
     The report's pictures need the answers to a few frames once more: `create` makes the methods,
     as in `run_evaluation`.
     """
-    summary = write_summary(run, folder)
-    tables = [area_table(run.settings, summary["rows"], a) for a in run.settings.protocol.areas]
-    reference = reference_method(run.results)
-    compared = [
-        comparison_table(compare(run, reference, area=a), a) for a in run.settings.protocol.areas
-    ]
-    _write(folder / "table.md", _markdown(run, tables, compared))
+    areas = run.settings.protocol.areas
+    summary = summarize(run)
+    compared = {area: compare(run, area=area) for area in areas}
+    write_summary(summary, folder)
+    write_images(run, folder)
+    write_comparisons(run, compared, folder)
+    tables = [area_table(run.settings, summary["rows"], area) for area in areas]
+    differences = [comparison_table(compared[area], area) for area in areas]
+    _write(folder / "table.md", _markdown(run, tables, differences))
     _write(folder / "table.tex", to_latex(tables))
     pictures = _extreme_pictures(run, create)
-    _write(folder / "report.html", _html(run, summary, tables, compared, pictures))
+    _write(folder / "report.html", _html(run, summary, tables, differences, pictures))
 
 
 def extreme_frames(run: Run) -> dict[str, str]:
@@ -83,9 +88,9 @@ def _extreme_pictures(run: Run, create: MethodFactory | None) -> dict[str, Figur
     }
 
 
-def _markdown(run: Run, tables: list[Table], compared: list[Table]) -> str:
+def _markdown(run: Run, tables: list[Table], differences: list[Table]) -> str:
     parts = [_headline(run), *_remarks(run)]
-    for title, table in _sections(run, tables, compared):
+    for title, table in _sections(run, tables, differences):
         parts += [f"### {title}", to_markdown(table)]
     parts += [f"- {line}" for line in _missing(run)]
     return "\n\n".join(parts) + "\n"
@@ -95,12 +100,12 @@ def _html(
     run: Run,
     summary: Mapping[str, Any],
     tables: list[Table],
-    compared: list[Table],
+    differences: list[Table],
     pictures: Mapping[str, Figure],
 ) -> str:
     parts = [f"<h1>{escape(_headline(run))}</h1>"]
     parts += [f"<p>{escape(remark)}</p>" for remark in _remarks(run)]
-    for title, table in _sections(run, tables, compared):
+    for title, table in _sections(run, tables, differences):
         parts += [f"<h2>{escape(title)}</h2>", to_html(table)]
     missing = "".join(f"<li>{escape(line)}</li>" for line in _missing(run))
     parts += [f"<h2>Not in the tables</h2><ul>{missing}</ul>"] if missing else []
@@ -131,11 +136,13 @@ def _remarks(run: Run) -> list[str]:
     return remarks
 
 
-def _sections(run: Run, tables: list[Table], compared: list[Table]) -> Iterator[tuple[str, Table]]:
+def _sections(
+    run: Run, tables: list[Table], differences: list[Table]
+) -> Iterator[tuple[str, Table]]:
     """All tables with their titles."""
     for table in tables:
         yield f"Area {table.area}", table
-    for table in compared:
+    for table in differences:
         if table.rows:
             title = f"Paired difference to {reference_method(run.results)}, area {table.area}"
             yield f"{title} (bold: the interval leaves out 0)", table

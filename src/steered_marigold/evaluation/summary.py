@@ -4,7 +4,7 @@ import csv
 import json
 import math
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from itertools import product
@@ -29,10 +29,17 @@ UNCERTAINTY_METRICS = tuple(field.name for field in fields(UncertaintyErrors))
 KITTI_METRICS = ("irmse_per_km", "imae_per_km")
 """With rmse_mm and mae_mm, the columns of KITTI's own table."""
 
-_IMAGE_COLUMNS = (*METRICS, "delta2", "delta3", "valid_pixels", "seconds")
-_OPTIONAL_COLUMNS = (
-    *UNCERTAINTY_METRICS, "trusted_fraction", "max_deviation_m", *KITTI_METRICS
-)  # fmt: skip
+_IMAGE_COLUMNS = (
+    *("frame", "method", "area"),
+    *(*METRICS, "delta2", "delta3", "valid_pixels", "seconds"),
+    *(*UNCERTAINTY_METRICS, "trusted_fraction", "max_deviation_m", *KITTI_METRICS),
+)
+_COMPARISON_COLUMNS = (
+    *("method", "reference", "area", "metric"),
+    *("difference", "low", "high", "images"),
+)
+
+Comparison = dict[tuple[str, str], PairedDifference]
 
 
 def summarize(run: Run) -> dict[str, Any]:
@@ -57,9 +64,15 @@ def image_values(run: Run, method: str, area: str, key: str) -> dict[str, float]
     return values
 
 
-def compare(run: Run, reference: str, *, area: str) -> dict[tuple[str, str], PairedDifference]:
-    """Every other method less the reference, by method and metric, on the images both completed."""
-    compared = {}
+def reference_method(methods: Iterable[str]) -> str:
+    """What the others are compared with: `steered`, or the first method."""
+    methods = tuple(methods)
+    return "steered" if "steered" in methods else methods[0]
+
+
+def compare(run: Run, *, area: str) -> Comparison:
+    """Each method less the reference, by method and metric, on the images both completed."""
+    reference, compared = reference_method(run.results), {}
     for method, key in product(run.results, METRICS):
         first = image_values(run, method, area, key)
         second = image_values(run, reference, area, key)
@@ -68,40 +81,32 @@ def compare(run: Run, reference: str, *, area: str) -> dict[tuple[str, str], Pai
     return compared
 
 
-def reference_method(methods: Iterable[str]) -> str:
-    """What the others are compared with: `steered`, or the first method."""
-    methods = tuple(methods)
-    return "steered" if "steered" in methods else methods[0]
-
-
-def write_summary(run: Run, folder: Path) -> dict[str, Any]:
-    """Writes summary.json, per_image.csv and comparisons.csv; returns the summary."""
-    summary = summarize(run)
+def write_summary(summary: Mapping[str, Any], folder: Path) -> None:
+    """Writes summary.json."""
     with atomic_write(folder / "summary.json") as path:
         path.write_text(json.dumps(summary, indent=1, allow_nan=False), encoding="utf-8")
-    _write_csv(
-        folder / "per_image.csv",
-        ("frame", "method", "area", *_IMAGE_COLUMNS, *_OPTIONAL_COLUMNS),
-        [
-            {"frame": result.frame_id, "method": method, "area": area}
-            | _per_image(result)
-            | dict(values)
-            for method, results in run.results.items()
-            for result in results
-            for area, values in result.areas.items()
-        ],
-    )
+
+
+def write_images(run: Run, folder: Path) -> None:
+    """Writes per_image.csv: a row an image, method and area."""
+    rows = [
+        {"frame": result.frame_id, "method": method, "area": area, **_per_image(result), **values}
+        for method, results in run.results.items()
+        for result in results
+        for area, values in result.areas.items()
+    ]
+    _write_csv(folder / "per_image.csv", _IMAGE_COLUMNS, rows)
+
+
+def write_comparisons(run: Run, compared: Mapping[str, Comparison], folder: Path) -> None:
+    """Writes comparisons.csv: a row a method, area and metric. compared: by area."""
     reference = reference_method(run.results)
-    _write_csv(
-        folder / "comparisons.csv",
-        ("method", "reference", "area", "metric", "difference", "low", "high", "images"),
-        [
-            {"method": method, "reference": reference, "area": area, "metric": key} | vars(paired)
-            for area in run.settings.protocol.areas
-            for (method, key), paired in compare(run, reference, area=area).items()
-        ],
-    )
-    return summary
+    rows = [
+        {"method": method, "reference": reference, "area": area, "metric": key, **vars(paired)}
+        for area, differences in compared.items()
+        for (method, key), paired in differences.items()
+    ]
+    _write_csv(folder / "comparisons.csv", _COMPARISON_COLUMNS, rows)
 
 
 def _row(run: Run, method: str, area: str) -> dict[str, Any]:
@@ -170,7 +175,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _write_csv(path: Path, columns: tuple[str, ...], rows: list[Mapping[str, Any]]) -> None:
+def _write_csv(path: Path, columns: tuple[str, ...], rows: Sequence[Mapping[str, Any]]) -> None:
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()

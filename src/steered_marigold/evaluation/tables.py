@@ -8,8 +8,7 @@ from typing import Any
 
 from steered_marigold.evaluation.published import published_rows
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.evaluation.statistics import PairedDifference
-from steered_marigold.evaluation.summary import METRICS, UNCERTAINTY_METRICS
+from steered_marigold.evaluation.summary import METRICS, UNCERTAINTY_METRICS, Comparison
 
 _KITTI_COLUMNS = ("abs_rel", "delta1", "rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")
 _TITLES = {
@@ -59,7 +58,11 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     rows = [row for row in rows if row["area"] == area]
     keys = [*(_KITTI_COLUMNS if settings.dataset == "kitti" else METRICS)]
     keys += [key for key in UNCERTAINTY_METRICS if any(key in row for row in rows)]
-    best = {key: _best(key, [row[key] for row in rows if row.get(key) is not None]) for key in keys}
+    # a mean without the images that failed is no contest
+    whole = [row for row in rows if not row["failed"]]
+    best = {
+        key: _best(key, [row[key] for row in whole if row.get(key) is not None]) for key in keys
+    }
     ours = [
         (
             Cell(row["method"]),
@@ -82,7 +85,7 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     return Table(area, header, tuple(ours), tuple(published))
 
 
-def comparison_table(compared: Mapping[tuple[str, str], PairedDifference], area: str) -> Table:
+def comparison_table(compared: Comparison, area: str) -> Table:
     """Differences of methods to the reference; those whose interval leaves out 0 are marked."""
     methods = dict.fromkeys(method for method, _ in compared)
     cells = {
@@ -169,7 +172,8 @@ def _cell(row: Mapping[str, Any], key: str, best: float | None) -> Cell:
     value = row.get(key)
     low, high = row["interval"].get(key, (None, None))
     interval = "" if low is None else f"{_number(low)}, {_number(high)}"
-    return Cell(_number(value), interval, best is not None and value == best)
+    is_best = best is not None and value == best and not row["failed"]
+    return Cell(_number(value), interval, is_best)
 
 
 def _best(key: str, values: Sequence[float]) -> float | None:
