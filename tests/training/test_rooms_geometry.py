@@ -41,10 +41,9 @@ def test_normals_of_round_shapes_are_unit_and_perpendicular() -> None:
 def test_moving_a_mesh_keeps_lengths_and_normals(yaw: float) -> None:
     mesh = lathe([(0.1, 0.0), (0.3, 1.0)])
     moved = mesh.moved([1.0, -2.0, 0.5], yaw)
-    for before, after in ((mesh, moved),):
-        a = np.linalg.norm(before.corners[:, 1] - before.corners[:, 0], axis=1)
-        b = np.linalg.norm(after.corners[:, 1] - after.corners[:, 0], axis=1)
-        np.testing.assert_allclose(a, b, atol=1e-5)
+    before, after = (np.diff(m.corners, axis=1) for m in (mesh, moved))
+    lengths = np.linalg.norm(before, axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(after, axis=-1), lengths, atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(moved.normals, axis=-1), 1, atol=1e-4)
     np.testing.assert_allclose(moved.corners[..., 2], mesh.corners[..., 2] + 0.5, atol=1e-5)
 

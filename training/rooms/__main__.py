@@ -20,6 +20,7 @@ from training.rooms.shards import first_seed, write_shards
 
 
 def main(
+    *,
     output: Annotated[Path | None, typer.Option(help="folder for shards; resumes")] = None,
     contact_sheet: Annotated[Path | None, typer.Option(help="PNG of 12 frames")] = None,
     sample: Annotated[Path | None, typer.Option(help="folder for the sample frame")] = None,

@@ -7,7 +7,7 @@ import numpy as np
 from training.rooms import materials as made_of
 from training.rooms.fixtures import lamp, plant
 from training.rooms.materials import Generator
-from training.rooms.mesh import box, boxes, can, join, lathe, panel, pillow, rods, sheet
+from training.rooms.mesh import box, boxes, can, flat_panel, join, lathe, panel, pillow, rods, sheet
 from training.rooms.models import Model, Part, Shelf, between, chance
 
 
@@ -134,10 +134,8 @@ def _heap(g: Generator) -> Model:
 def _papers(g: Generator) -> Model:
     parts: list[Part] = []
     for i in range(int(g.integers(1, 5))):
-        page = panel([-0.105, 0, -0.148], [0.105, 0, 0.148])
-        flat = page.turned(np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]))
         place = [*g.uniform(-0.08, 0.08, 2), 0.002 * (i + 1)]
-        parts.append((flat.moved(place, between(g, -1, 1)), made_of.picture(g)))
+        parts.append((flat_panel(0.21, 0.297).moved(place, between(g, -1, 1)), made_of.picture(g)))
     return _centred(parts, 0.3, 0.35, 0.01)
 
 

@@ -11,7 +11,7 @@ from training.rooms.clutter import clutter, floor_thing
 from training.rooms.decor import on_wall
 from training.rooms.lamps import add_lamps, bulb, sunshine, window_light
 from training.rooms.materials import Generator, Material
-from training.rooms.mesh import box, panel, sheet
+from training.rooms.mesh import box, flat_panel, sheet
 from training.rooms.models import Light, Model, Part, Sun, between, chance
 from training.rooms.shell import (
     Opening,
@@ -75,7 +75,7 @@ def build_room(g: Generator) -> Room:
         margin + float(share[0]) * (width - 2 * margin),
         margin + float(share[1]) * (depth - 2 * margin),
     )
-    ambient = between(g, 0.08, 0.45) * (1.0 + g.uniform(-0.12, 0.12, 3))
+    ambient = between(g, 0.04, 0.3) * (1.0 + g.uniform(-0.12, 0.12, 3))
     room = Room(theme, width, depth, height, eye, ambient)
     room.taken.append((eye[0] - margin, eye[1] - margin, eye[0] + margin, eye[1] + margin))
     _shell(g, room)
@@ -191,10 +191,8 @@ def _slope(g: Generator, room: Room, material: Material) -> None:
 
 def _rug(g: Generator, room: Room) -> None:
     w, d = between(g, 0.8, 0.8 * room.width), between(g, 0.8, 0.7 * room.depth)
-    flat = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
-    rug = panel([-w / 2, 0, -d / 2], [w / 2, 0, d / 2]).turned(flat)
     place = [between(g, 0.3, 0.7) * room.width, between(g, 0.3, 0.7) * room.depth, 0.008]
-    room.parts.append((rug.moved(place, between(g, -0.2, 0.2)), made_of.carpet(g)))
+    room.parts.append((flat_panel(w, d).moved(place, between(g, -0.2, 0.2)), made_of.carpet(g)))
 
 
 def _put(g: Generator, room: Room, model: Model, position: tuple[float, float], yaw: float) -> bool:

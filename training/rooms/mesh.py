@@ -114,6 +114,12 @@ def panel(low: Point, high: Point) -> Mesh:
     return Mesh(quad[order], normals, uv[order], np.zeros(2, dtype=np.int64))
 
 
+def flat_panel(width: float, depth: float) -> Mesh:
+    """A rectangle on the floor, centred, with texture coordinates 0..1."""
+    upright = panel([-width / 2, 0, -depth / 2], [width / 2, 0, depth / 2])
+    return upright.turned(np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]))
+
+
 def sheet(points: Float[np.ndarray, "rows columns 3"]) -> Mesh:
     """A smooth surface through a grid of points; a closed one repeats its first row or column."""
     points = np.asarray(points, dtype=np.float32)

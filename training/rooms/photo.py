@@ -17,7 +17,7 @@ class Film:
     gain: exposure and white balance, RGB. vignette: loss of light in the corners, 0..1.
     softness: blur [px]. shake: movement during the exposure [px at width 320].
     grain: noise at full exposure, 0..1. shoulder: where highlights start to be compressed, 0..1.
-    contrast: exponent. jpeg_quality: 1..100.
+    contrast: exponent. punch: how S-shaped the tone curve is, 0..1. jpeg_quality: 1..100.
     """
 
     gain: Float[np.ndarray, "3"]
@@ -27,13 +27,14 @@ class Film:
     grain: float
     shoulder: float
     contrast: float
+    punch: float
     jpeg_quality: int
 
 
 def choose_film(radiance: Radiance, generator: np.random.Generator) -> Film:
     """A random camera, exposed more or less right for this radiance."""
     brightness = float(np.median(radiance.mean(axis=2))) + 1e-4
-    exposure = np.exp(generator.uniform(np.log(0.1), np.log(0.6))) / brightness
+    exposure = np.exp(generator.uniform(np.log(0.09), np.log(0.6))) / brightness
     balance = np.exp(generator.normal(0, 0.1) * np.array([1.0, 0.0, -1.4]))
     shaken = generator.random() < 0.12
     shake_x, shake_y = generator.uniform(-3, 3, 2) * shaken
@@ -44,7 +45,8 @@ def choose_film(radiance: Radiance, generator: np.random.Generator) -> Film:
         shake=(shake_x, shake_y),
         grain=0.03 * generator.random() ** 2,
         shoulder=generator.uniform(0.4, 0.95),
-        contrast=generator.uniform(0.9, 1.5),
+        contrast=generator.uniform(0.9, 1.4),
+        punch=generator.uniform(0.2, 1.0),
         jpeg_quality=int(generator.integers(50, 98)),
     )
 
@@ -55,12 +57,13 @@ def photograph(radiance: Radiance, film: Film, generator: np.random.Generator) -
     exposed = _blurred(exposed, film)
     noise = generator.standard_normal(exposed.shape, dtype=np.float32)
     exposed += np.float32(film.grain) * noise * np.sqrt(np.maximum(exposed, 0) + 0.02)
-    # a soft shoulder for highlights, then a gamma curve with contrast
+    # a soft shoulder for highlights, a gamma curve, an S-curve
     light, start = np.maximum(exposed, 0), np.float32(film.shoulder)
     room = 1 - start
     light = np.where(light > start, 1 - room * np.exp((start - light) / room), light)
-    picture = np.power(light, np.float32(film.contrast / 2.2)) * 255 + 0.5
-    return _jpeg(picture.astype(np.uint8), film.jpeg_quality)
+    tone = np.power(light, np.float32(film.contrast / 2.2))
+    tone += np.float32(film.punch) * (tone * tone * (3 - 2 * tone) - tone)
+    return _jpeg((tone * 255 + 0.5).astype(np.uint8), film.jpeg_quality)
 
 
 def _vignette(radiance: Radiance, strength: float) -> Float32[np.ndarray, "height width 1"]:

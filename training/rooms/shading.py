@@ -53,27 +53,28 @@ def shade(
     """Linear radiance towards the viewer for the surfaces of a whole image."""
     origins = surface.point + _OFFSET * surface.facing
     pattern = _pattern(shape)
-    noisy = [
+    shadows = [
         _visibility(world, light, surface, origins, pattern, generator) for light in lighting.lights
     ]
-    noisy.append(_sunshine(world, lighting.sun, surface, origins, pattern, generator))
-    noisy += list(_bounce(world, lighting, surface, origins, shape, generator).T)
+    shadows.append(_sunshine(world, lighting.sun, surface, origins, pattern, generator))
+    bounce = _bounce(world, lighting, surface, origins, shape, generator).T
     facet = surface.facet.reshape(shape)
-    seen = _average(np.stack(noisy).reshape(-1, *shape), facet, stride=1)
-    irradiance = _average(seen[-3:], facet, stride=_TILE).reshape(3, -1).T
-    seen = seen[:-3].reshape(len(noisy) - 3, -1, 1)
+    noisy = np.concatenate([np.stack(shadows), bounce]).reshape(-1, *shape)
+    smooth = _average(noisy, facet, stride=1)
+    irradiance = _average(smooth[-3:], facet, stride=_TILE).reshape(3, -1).T
+    *visible, sunlit = smooth[:-3].reshape(len(shadows), -1, 1)
 
     view = unit(directions)
     shininess = world.shininess[surface.material]
     highlight = np.zeros_like(irradiance)
-    for light, visible in zip(lighting.lights, seen, strict=False):
+    for light, seen in zip(lighting.lights, visible, strict=True):
         to_light, strength = _unshadowed(light, surface.point, surface.normal)
-        arriving = visible * strength[:, None] * light.power.astype(np.float32)
+        arriving = seen * strength[:, None] * light.power.astype(np.float32)
         irradiance += arriving
         lobe = np.maximum(dot(unit(to_light - view), surface.normal), 0.0)
         highlight += arriving * (shininess * _power40(lobe))[:, None]
     if lighting.sun is not None:
-        irradiance += seen[-1] * lighting.sun.power.astype(np.float32)
+        irradiance += sunlit * lighting.sun.power.astype(np.float32)
     emission = world.emission[surface.material][:, None]
     radiance = surface.albedo * np.where(emission > 0, emission, irradiance) + highlight
     return _add_mirrors(world, lighting, surface, radiance, view)
@@ -160,6 +161,8 @@ def _bounce(
     generator: np.random.Generator,
 ) -> Vectors:
     """Irradiance from other surfaces: one ray, cosine-distributed about the normal."""
+    # each 4x4 block holds all 16 coarse cells of the hemisphere, each of 4x4 blocks another
+    # part of every cell
     coarse, fine = _strata(generator), _strata(generator)
     y, x = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
     block = (y // _TILE % _TILE) * _TILE + x // _TILE % _TILE
