@@ -68,11 +68,13 @@ def test_a_failing_method_leaves_its_place_empty(tiny: RunSettings, failing_on: 
     assert titles[:6] == ["f0", "wrapped", "linear", "f1", "", "linear"]
 
 
-def test_pictures_show_what_is_known(tiny: RunSettings) -> None:
-    frame = Evaluator(tiny).prepare("f2")
+@pytest.mark.parametrize(("lines", "enlarged"), [(1, True), (8, False)])
+def test_pictures_show_what_is_known(tiny: RunSettings, lines: int, enlarged: bool) -> None:
+    settings = replace(tiny, protocol=Protocol(kind="lidar", lines=lines))
+    frame = Evaluator(settings).prepare("f2")
     drawn, mask = sparse_picture(frame), frame.measurements.valid_mask.numpy()
     np.testing.assert_array_equal(drawn[mask], frame.measurements.sparse_depth.numpy()[mask])
-    assert np.isfinite(drawn).sum() > mask.sum()
+    assert (np.isfinite(drawn).sum() > mask.sum()) == enlarged
     np.testing.assert_array_equal(truth_picture(frame), frame.depth.numpy())
 
 

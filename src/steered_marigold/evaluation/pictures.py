@@ -23,7 +23,7 @@ Answers = dict[str, Float[Tensor, "height width"]]
 
 _DEPTH = colormaps["turbo"].with_extremes(bad="0.5")
 _ERROR = colormaps["magma"].with_extremes(bad="0.5")
-_POINT_RADIUS = 2  # px; single measured pixels are hard to see
+_SPARSE, _POINT_RADIUS = 0.1, 2  # below this share, measured pixels are drawn with this radius
 
 
 def complete_examples(
@@ -90,11 +90,11 @@ def show_depth(axes: Axes, depth: NDArray[Any], scale: Normalize, title: str) ->
 
 
 def sparse_picture(frame: PreparedFrame) -> NDArray[np.float32]:
-    """The measurements, each drawn a little larger than it is; nan elsewhere."""
+    """The measurements, larger than they are if few; nan elsewhere."""
     mask = frame.measurements.valid_mask.numpy()
     distance, nearest = distance_transform_edt(~mask, return_indices=True)
     depth = frame.measurements.sparse_depth.numpy()[tuple(nearest)]
-    return np.where(distance <= _POINT_RADIUS, depth, np.nan)
+    return np.where(distance <= (_POINT_RADIUS if mask.mean() < _SPARSE else 0), depth, np.nan)
 
 
 def colour_range(depth: NDArray[Any]) -> Normalize:
