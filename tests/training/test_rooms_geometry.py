@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 
 from training.rooms import materials as made_of
 from training.rooms.camera import Camera, hand_held, intrinsics, look
+from training.rooms.clutter import floor_thing, small_thing
 from training.rooms.mesh import box, boxes, can, join, lathe, pillow, rods, sheet
 from training.rooms.raycast import FAR_M, World
 from training.rooms.textures import layers, lookup, mean_albedo
+from training.rooms.themes import THEMES, Make
 
 ANGLES = st.floats(-3.1, 3.1)
 
@@ -61,6 +63,26 @@ def test_a_sheet_keeps_its_points() -> None:
     assert len(flat.corners) == 2 * 2 * 3
     np.testing.assert_allclose(np.abs(flat.normals[..., 2]), 1, atol=1e-6)
     np.testing.assert_allclose(flat.uv, flat.corners[..., :2], atol=1e-6)
+
+
+MAKERS = {make.__name__: make for theme in THEMES for _, make in theme.at_walls}
+
+
+@pytest.mark.parametrize("make", [*MAKERS.values(), small_thing, floor_thing])
+def test_models_stand_on_the_floor_within_their_size(make: Make) -> None:
+    for seed in range(6):
+        model = make(np.random.default_rng(seed))
+        whole = join([mesh for mesh, _ in model.parts])
+        points = whole.corners.reshape(-1, 3)
+        assert np.isfinite(points).all()
+        np.testing.assert_allclose(np.linalg.norm(whole.normals, axis=-1), 1, atol=1e-3)
+        width, depth, height = model.size
+        slack = 0.3  # leaves, cushions and blankets reach a little further
+        low, high = points.min(axis=0), points.max(axis=0)
+        assert -0.03 < low[2] < 0.15
+        assert high[2] < height + slack
+        assert (low[:2] > [-width / 2 - slack, -slack]).all()
+        assert (high[:2] < [width / 2 + slack, depth + slack]).all()
 
 
 def test_textures_repeat_and_blur_to_their_mean() -> None:

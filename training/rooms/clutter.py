@@ -42,7 +42,7 @@ def _vase(g: Generator) -> Model:
     t = np.linspace(0, 1, 16)
     curve = np.interp(t, np.linspace(0, 1, 5), radii)
     profile = [(0.0, 0.0), *zip(curve.tolist(), (h * t).tolist(), strict=True)]
-    r = float(curve.max())
+    r, top = float(curve.max()), h
     parts: list[Part] = [(lathe(profile, 18), made_of.plastic(g))]
     if chance(g, 0.4):
         n = int(g.integers(4, 12))
@@ -50,9 +50,10 @@ def _vase(g: Generator) -> Model:
             [g.uniform(-0.2, 0.2, n), g.uniform(-0.2, 0.2, n), h + g.uniform(0.1, 0.4, n)], 1
         )
         parts.append((rods(np.tile([0.0, 0, h * 0.8], (n, 1)), tips, 0.004, 5), made_of.leaf(g)))
+        top = float(tips[:, 2].max())
         blossom = pillow([0.06, 0.06, 0.05], square=0.9, resolution=6)
         parts.append((join([blossom.shifted(tip) for tip in tips]), made_of.printed(g)))
-    return _centred(parts, 2 * r, 2 * r, h)
+    return _centred(parts, 2 * r, 2 * r, top)
 
 
 def _package(g: Generator) -> Model:

@@ -41,7 +41,7 @@ def dresser(g: Generator) -> Model:
 
 
 def wardrobe(g: Generator) -> Model:
-    """Tall, with doors; some have dark gloss or mirror fronts. Also a refrigerator."""
+    """Tall, with doors; some have dark gloss or mirror fronts."""
     w, d, h = between(g, 0.6, 2.2), between(g, 0.5, 0.65), between(g, 1.6, 2.3)
     body = made_of.wood(g) if chance(g, 0.7) else made_of.plastic(g)
     front = body

@@ -70,7 +70,7 @@ def desk(g: Generator) -> Model:
         x = between(g, -w / 2 + 0.3, w / 2 - 0.3)
         parts += monitor(g).moved([x, 0.08, h], between(g, -0.3, 0.3))
     parts.append((box([-0.2, d - 0.3, h], [0.2, d - 0.15, h + 0.02]), made_of.plastic(g)))
-    return Model(tuple(parts), (w, d, h), (Shelf(-w / 2, 0.3 * d, w / 2, d, h, 0.5),))
+    return Model(tuple(parts), (w, d, h + 0.6), (Shelf(-w / 2, 0.3 * d, w / 2, d, h, 0.5),))
 
 
 def monitor(g: Generator) -> Model:
