@@ -181,13 +181,16 @@ def test_an_exr_of_colours_is_refused_and_one_with_z_is_read(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".tiff", ".exr"])
 @pytest.mark.parametrize("kept", [0.0, 0.02, 0.5, 0.9])
-def test_truncated_files_are_refused(tmp_path: Path, suffix: str, kept: float) -> None:
+def test_truncated_files_are_refused(
+    tmp_path: Path, suffix: str, kept: float, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / f"a{suffix}"
     write_depth(path, _depth().repeat(20, 20))
     content = path.read_bytes()
     path.write_bytes(content[: int(kept * len(content))])
     with pytest.raises(FileFormatError, match="damaged"):
         read_depth(path)
+    assert capsys.readouterr().out == ""
 
 
 def test_the_last_bytes_of_a_png_matter(tmp_path: Path) -> None:

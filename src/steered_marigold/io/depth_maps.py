@@ -1,7 +1,9 @@
 """Metric depth maps. Here, and only here, 0, NaN and infinity mean "no measurement"."""
 
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +183,8 @@ def _read_picture(path: Path) -> NDArray[Any]:
 def _read_exr(path: Path) -> NDArray[Any]:
     import OpenEXR  # slow to load, and only needed here
 
-    with decoding(path):
+    # the module prints its warnings on stdout, which belongs to the caller
+    with decoding(path), redirect_stdout(StringIO()):
         header = OpenEXR.File(str(path), header_only=True).header()
         low, high = header["dataWindow"]
         require_pixel_count(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
