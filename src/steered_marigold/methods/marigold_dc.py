@@ -1,0 +1,169 @@
+"""Marigold-DC: a Marigold checkpoint whose latent is optimised against the measurements."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import torch
+import torch.nn.functional as F
+from diffusers import DDIMScheduler, MarigoldDepthPipeline
+from jaxtyping import Bool, Float, UInt8
+from torch import Tensor
+
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.errors import InputError, NoMeasurementsError
+
+LATENT_LEARNING_RATE = 0.05
+AFFINE_LEARNING_RATE = 0.005
+
+
+class MarigoldDCCompleter:
+    """Viola et al., "Marigold-DC: Zero-Shot Monocular Depth Completion with Guided Diffusion",
+    ICCV 2025 (arXiv 2412.13389), with DDIM steps in trailing spacing.
+
+    pipeline: any Marigold depth pipeline, in float32 or bfloat16. num_inference_steps: 50 as
+    published. ensemble_size: runs from different noise; the answer is their pixel-wise median (the
+    paper's best rows take 10). processing_resolution: longer side of the image that the model sees
+    [px], 0 for the image's own; None is the checkpoint's (768 for Marigold's).
+
+    With a single measured value the answer is constant: the range that the model's depth is mapped
+    to is empty. Gradients keep the activations of U-Net and decoder: it needs several times the
+    memory of Marigold.
+    """
+
+    name = "marigold-dc"
+
+    def __init__(
+        self,
+        pipeline: MarigoldDepthPipeline,
+        *,
+        num_inference_steps: int = 50,
+        ensemble_size: int = 1,
+        processing_resolution: int | None = None,
+    ) -> None:
+        if num_inference_steps < 1 or ensemble_size < 1:
+            raise InputError(
+                f"num_inference_steps ({num_inference_steps}) and ensemble_size "
+                f"({ensemble_size}) must be at least 1"
+            )
+        self._pipeline = cast(Any, pipeline)
+        if self._pipeline.dtype == torch.float16:
+            raise InputError("marigold-dc: gradients overflow in float16; use bfloat16 or float32")
+        for model in (self._pipeline.unet, self._pipeline.vae):
+            model.requires_grad_(False)
+        self._scheduler = cast(Any, DDIMScheduler).from_config(
+            self._pipeline.scheduler.config, timestep_spacing="trailing"
+        )
+        self._num_inference_steps = num_inference_steps
+        self._ensemble_size = ensemble_size
+        if processing_resolution is None:
+            processing_resolution = self._pipeline.default_processing_resolution
+        self._processing_resolution = processing_resolution
+
+    @torch.no_grad()
+    def complete(
+        self,
+        image: UInt8[Tensor, "height width 3"],
+        sparse_depth: Float[Tensor, "height width"],
+        valid_mask: Bool[Tensor, "height width"],
+        K: Float[Tensor, "3 3"] | None = None,
+        *,
+        generator: torch.Generator | None = None,
+    ) -> DepthCompletion:
+        """See `DepthCompleter.complete`."""
+        if not valid_mask.any():
+            raise NoMeasurementsError(f"{self.name}: no pixel of valid_mask is True")
+        pipe = self._pipeline
+        device, dtype, codec = pipe._execution_device, pipe.dtype, DepthCodec(pipe.vae)
+        pixels, padding, size = pipe.image_processor.preprocess(
+            image.numpy(force=True), self._processing_resolution, "bilinear", device, dtype
+        )
+        image_latents, noise = pipe.prepare_latents(pixels, None, generator, self._ensemble_size, 1)
+        image_latents, text = image_latents[:1], _empty_prompt(pipe)
+        self._scheduler.set_timesteps(self._num_inference_steps, device=device)
+
+        def predict(latents: Tensor, t: Tensor) -> Tensor:
+            conditioned = torch.cat([image_latents, latents.to(dtype)], dim=1)
+            output: Tensor = pipe.unet(conditioned, t, text, return_dict=False)[0]
+            return output.float()
+
+        def decode(latents: Tensor) -> Tensor:
+            affine = (codec.decode(latents.to(dtype)).float() + 1) / 2
+            unpadded = pipe.image_processor.unpad_image(affine[:, None], padding)
+            return F.interpolate(unpadded, tuple(size), mode="bilinear")[0, 0]
+
+        sparse, mask = sparse_depth.to(device, torch.float32), valid_mask.to(device)
+        members = [
+            guided_denoising(predict, decode, self._scheduler, start, sparse, mask)
+            for start in noise.float().split(1)
+        ]
+        depth = torch.stack(members).quantile(0.5, dim=0).to(sparse_depth)
+        measured = valid_mask[None]
+        return DepthCompletion(depth=depth[None], measured=measured, trusted=measured)
+
+
+def _empty_prompt(pipe: Any) -> Float[Tensor, "1 tokens channels"]:
+    """The text embedding of "" that Marigold conditions its U-Net on, unpadded."""
+    tokens = pipe.tokenizer("", padding="do_not_pad", return_tensors="pt").input_ids
+    embedding: Tensor = pipe.text_encoder(tokens.to(pipe._execution_device))[0]
+    return embedding
+
+
+class MetricMap:
+    """Metric from affine-invariant depth with two learned numbers (the paper's scale and shift).
+
+    metric = a^2 (far - near) affine + b^2 near, a = b = 1 at the start: the range of the
+    measurements. Squares keep both factors positive.
+    """
+
+    def __init__(self, measured: Float[Tensor, " points"]) -> None:
+        self._near, self._far = measured.min(), measured.max()
+        self.a = torch.ones_like(self._near, requires_grad=True)
+        self.b = torch.ones_like(self._near, requires_grad=True)
+
+    def __call__(self, affine: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+        return self.a**2 * (self._far - self._near) * affine + self.b**2 * self._near
+
+
+@torch.enable_grad()
+def guided_denoising(
+    predict: Callable[[Tensor, Tensor], Tensor],
+    decode: Callable[[Tensor], Tensor],
+    scheduler: Any,
+    latents: Float[Tensor, "1 channels h w"],
+    sparse_depth: Float[Tensor, "height width"],
+    valid_mask: Bool[Tensor, "height width"],
+) -> Float[Tensor, "height width"]:
+    """One run of Marigold-DC.
+
+    At every step the loss of the predicted clean depth at the measurements goes back through
+    decoder and U-Net to the latent, to which Adam gives one update before the scheduler's step.
+
+    predict: (latents, timestep) to the U-Net's output. decode: latents to affine-invariant depth
+    at the size of sparse_depth [m]. scheduler: with its timesteps set. Returns metric depth [m].
+    """
+    measured = sparse_depth[valid_mask]
+    to_metric = MetricMap(measured)
+    latents = latents.detach().clone().requires_grad_()
+    optimizer = torch.optim.Adam(
+        [
+            {"params": [latents], "lr": LATENT_LEARNING_RATE},
+            {"params": [to_metric.a, to_metric.b], "lr": AFFINE_LEARNING_RATE},
+        ]
+    )
+    for t in scheduler.timesteps:
+        output = predict(latents, t)
+        predicted_x0 = scheduler.step(output, t, latents).pred_original_sample
+        residual = to_metric(decode(predicted_x0))[valid_mask] - measured
+        loss = residual.abs().mean() + residual.square().mean()
+        optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        with torch.no_grad():
+            alpha_bar = scheduler.alphas_cumprod[t].to(latents)
+            epsilon = (latents - alpha_bar.sqrt() * predicted_x0) / (1 - alpha_bar).sqrt()
+            assert latents.grad is not None
+            # as long as the noise, whatever the depth's unit and the noise level
+            latents.grad *= epsilon.norm() / latents.grad.norm().clamp(min=1e-8)
+            optimizer.step()
+            latents.copy_(scheduler.step(output, t, latents).prev_sample)
+    return to_metric(decode(latents)).detach()
