@@ -7,10 +7,11 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel
 
 Batch = dict[str, Tensor]
 LossFunction = Callable[[Batch], dict[str, Tensor]]
@@ -36,11 +37,17 @@ class Trainer:
         if (self.run / "last.pt").exists():
             saved = torch.load(self.run / "last.pt", weights_only=True)
             self.model.load_state_dict(saved["model"])
-        self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(self.ema_decay))
+        self.average = AveragedModel(self.model, multi_avg_fn=self._average)
         if (self.run / "last.pt").exists():
             self.average.module.load_state_dict(saved["average"])
             # the first update of an AveragedModel copies; this one goes on averaging
             self.average.n_averaged += 1
+
+    @torch.no_grad()
+    def _average(self, average: Any, current: Any, updates: Tensor) -> None:
+        """Exponential average whose memory grows with the run: the start is soon forgotten."""
+        decay = min(self.ema_decay, (1 + int(updates)) / (10 + int(updates)))
+        torch._foreach_lerp_(average, current, 1 - decay)
 
     def fit(
         self,

@@ -1,7 +1,10 @@
 """The answer of a depth completion: a record, data only."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -33,3 +36,14 @@ class DepthCompletion:
     slope_rejected: Bool[Tensor, " batch"] | None = None
     floored: Bool[Tensor, "batch height width"] | None = None
     metric: bool = True
+
+
+def join_completions(parts: Sequence[DepthCompletion]) -> DepthCompletion:
+    """One record for a batch from records of its parts, which have the same fields."""
+    if len(parts) == 1:
+        return parts[0]
+    joined: dict[str, Any] = {}
+    for field in fields(DepthCompletion):
+        values = [getattr(part, field.name) for part in parts]
+        joined[field.name] = torch.cat(values) if torch.is_tensor(values[0]) else values[0]
+    return DepthCompletion(**joined)

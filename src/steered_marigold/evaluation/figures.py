@@ -1,7 +1,9 @@
 """The paper's figures, drawn from a frame of a run."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -18,7 +20,7 @@ from steered_marigold.evaluation.pictures import (
     sparse_picture,
     truth_picture,
 )
-from steered_marigold.evaluation.protocol import PAPER_AREAS, PreparedFrame
+from steered_marigold.evaluation.protocol import PAPER_AREAS, PreparedFrame, frame_generator
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
@@ -38,8 +40,9 @@ def draw_figures(
 
     completion.png: image, input and completion (the paper's Fig. 1). comparison.png: every method,
     under the paper's protocols with all samples and with the centre erased (Fig. 6). areas.png:
-    the three areas (Fig. 5), under the paper's protocols. Methods are run again; those that cannot
-    are left out.
+    the three areas (Fig. 5), under the paper's protocols. steering.png: the direction of steering
+    in the first and the last step (Fig. 4), of the run's first method that steers. Methods are run
+    again; those that cannot are left out.
 
     Raises InputError if the run has no such frame, or no method can complete it.
     """
@@ -64,6 +67,9 @@ def draw_figures(
     }
     if settings.protocol.from_paper:
         figures["areas"] = areas_figure(frame)
+    steering = _steering_figure(Evaluator(settings, create), frame, answers)
+    if steering is not None:
+        figures["steering"] = steering
     return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
 
@@ -109,6 +115,23 @@ def areas_figure(frame: PreparedFrame) -> Figure:
         )
         axes[0, 0].text(columns.start + 6, rows.stop - 8, name, color=colour, fontsize=7)
     return figure
+
+
+def _steering_figure(
+    evaluator: Evaluator, frame: PreparedFrame, labels: Iterable[str]
+) -> Figure | None:
+    """For the first method that steers; None if there is none."""
+    for label in labels:
+        if label.startswith("steered"):
+            # brings diffusers along, which the other figures do not need
+            from steered_marigold.evaluation.steering_figure import record_steering, steering_figure
+
+            completer: Any = evaluator.method(label)
+            generator = frame_generator(evaluator.settings.seed, frame.frame_id, "method")
+            steps = record_steering(completer, frame, generator=generator)
+            if steps:
+                return steering_figure(frame, steps)
+    return None
 
 
 def _save(figure: Figure, path: Path) -> Path:

@@ -1,16 +1,18 @@
 """Marigold-DC: a Marigold checkpoint whose latent is optimised against the measurements."""
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import torch
-import torch.nn.functional as F
-from diffusers import DDIMScheduler, MarigoldDepthPipeline
+from diffusers import DDIMScheduler
+from diffusers.utils.torch_utils import randn_tensor
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import InputError, NoMeasurementsError
 
 LATENT_LEARNING_RATE = 0.05
@@ -21,7 +23,7 @@ class MarigoldDCCompleter:
     """Viola et al., "Marigold-DC: Zero-Shot Monocular Depth Completion with Guided Diffusion",
     ICCV 2025 (arXiv 2412.13389), with DDIM steps in trailing spacing.
 
-    pipeline: any Marigold depth pipeline, in float32 or bfloat16. num_inference_steps: 50 as
+    pipeline: around any Marigold checkpoint, in float32 or bfloat16. num_inference_steps: 50 as
     published. ensemble_size: runs from different noise; the answer is their pixel-wise median (the
     paper's best rows take 10). processing_resolution: longer side of the image that the model sees
     [px], 0 for the image's own; None is the checkpoint's (768 for Marigold's).
@@ -35,7 +37,7 @@ class MarigoldDCCompleter:
 
     def __init__(
         self,
-        pipeline: MarigoldDepthPipeline,
+        pipeline: SteeredMarigoldPipeline,
         *,
         num_inference_steps: int = 50,
         ensemble_size: int = 1,
@@ -60,6 +62,28 @@ class MarigoldDCCompleter:
             processing_resolution = self._pipeline.default_processing_resolution
         self._processing_resolution = processing_resolution
 
+    @classmethod
+    def from_checkpoint(
+        cls,
+        checkpoint: str = "embedded",
+        *,
+        device: str | None = None,
+        dtype: torch.dtype | None = None,
+        num_inference_steps: int = 50,
+        ensemble_size: int = 1,
+        processing_resolution: int | None = None,
+    ) -> Self:
+        """Loads a checkpoint (see `load_pipeline`); dtype None is bfloat16 on CUDA, else float32."""
+        pipeline = cast(Any, load_pipeline(checkpoint, device=device, dtype=dtype or torch.float32))
+        if dtype is None and pipeline.device.type == "cuda":
+            pipeline.to(dtype=torch.bfloat16)
+        return cls(
+            pipeline,
+            num_inference_steps=num_inference_steps,
+            ensemble_size=ensemble_size,
+            processing_resolution=processing_resolution,
+        )
+
     @torch.no_grad()
     def complete(
         self,
@@ -76,37 +100,40 @@ class MarigoldDCCompleter:
         pipe = self._pipeline
         device, dtype, codec = pipe._execution_device, pipe.dtype, DepthCodec(pipe.vae)
         pixels, padding, size = pipe.image_processor.preprocess(
-            image.numpy(force=True), self._processing_resolution, "bilinear", device, dtype
+            image.permute(2, 0, 1).float() / 255,
+            self._processing_resolution,
+            "bilinear",
+            device,
+            dtype,
         )
-        image_latents, noise = pipe.prepare_latents(pixels, None, generator, self._ensemble_size, 1)
-        image_latents, text = image_latents[:1], _empty_prompt(pipe)
+        encode = codec.encode_image if pipe.image_encoder is None else pipe.image_encoder
+        image_latents = encode(pixels)
+        u_net = pipe._predictor(image_latents, None)
         self._scheduler.set_timesteps(self._num_inference_steps, device=device)
 
         def predict(latents: Tensor, t: Tensor) -> Tensor:
-            conditioned = torch.cat([image_latents, latents.to(dtype)], dim=1)
-            output: Tensor = pipe.unet(conditioned, t, text, return_dict=False)[0]
+            output: Tensor = u_net(latents.to(dtype), t)
             return output.float()
 
         def decode(latents: Tensor) -> Tensor:
-            affine = (codec.decode(latents.to(dtype)).float() + 1) / 2
-            unpadded = pipe.image_processor.unpad_image(affine[:, None], padding)
-            return F.interpolate(unpadded, tuple(size), mode="bilinear")[0, 0]
+            decoded = codec.decode(latents.to(dtype)).float()
+            affine: Tensor = pipe._affine_depth(decoded, padding, tuple(size))
+            return affine[0]
 
+        # noise in the models' precision, so that a seed gives what it gives to Marigold
+        shape = (1, codec.channels, *image_latents.shape[-2:])
+        starts = [
+            randn_tensor(shape, generator, device=device, dtype=dtype).float()
+            for _ in range(self._ensemble_size)
+        ]
         sparse, mask = sparse_depth.to(device, torch.float32), valid_mask.to(device)
         members = [
             guided_denoising(predict, decode, self._scheduler, start, sparse, mask)
-            for start in noise.float().split(1)
+            for start in starts
         ]
         depth = torch.stack(members).quantile(0.5, dim=0).to(sparse_depth)
         measured = valid_mask[None]
         return DepthCompletion(depth=depth[None], measured=measured, trusted=measured)
-
-
-def _empty_prompt(pipe: Any) -> Float[Tensor, "1 tokens channels"]:
-    """The text embedding of "" that Marigold conditions its U-Net on, unpadded."""
-    tokens = pipe.tokenizer("", padding="do_not_pad", return_tensors="pt").input_ids
-    embedding: Tensor = pipe.text_encoder(tokens.to(pipe._execution_device))[0]
-    return embedding
 
 
 class MetricMap:

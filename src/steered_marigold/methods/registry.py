@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from inspect import Parameter, formatannotation, signature
 from pathlib import Path
-from types import NoneType, UnionType
+from types import UnionType
 from typing import Any, Literal, Union, cast, get_args, get_origin
 
 import torch
@@ -35,7 +35,7 @@ _SOURCES = {
     "telea": _Source("inpainting", "OpenCvInpainter", {"algorithm": "telea"}),
     "navier-stokes": _Source("inpainting", "OpenCvInpainter", {"algorithm": "navier-stokes"}),
     "colorization": _Source("inpainting", "ColorizationCompleter"),
-    "marigold": _Source("marigold", "MarigoldCompleter"),
+    "marigold": _Source("steered", "MarigoldCompleter"),
     "steered": _Source("steered", "SteeredCompleter", {"preset": "default"}),
     "steered:paper": _Source("steered", "SteeredCompleter", {"preset": "paper"}),
     "steered:default": _Source("steered", "SteeredCompleter", {"preset": "default"}),
@@ -85,39 +85,43 @@ def create_method(
     }
     arguments = {key: value for key, value in offered.items() if key in parameters}
     kinds = {
-        key: parameter.annotation
+        key: _readable_kinds(parameter.annotation)
         for key, parameter in parameters.items()
         if key not in arguments and parameter.kind is Parameter.KEYWORD_ONLY
     }
     return cast(DepthCompleter, build(**arguments, **_parse_settings(base, text, kinds)))
 
 
-def _parse_settings(method: str, text: str, kinds: Mapping[str, Any]) -> dict[str, object]:
-    """`key=value,key=value` as keyword arguments. kinds: the type of each setting there is."""
+def _readable_kinds(hint: Any) -> list[Any]:
+    """The types in an annotation that text can be read as: none for a flag or a record."""
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    return [k for k in kinds if k in (int, float, str) or get_origin(k) is Literal]
+
+
+def _parse_settings(method: str, text: str, kinds: Mapping[str, list[Any]]) -> dict[str, object]:
+    """`key=value,key=value` as keyword arguments. kinds: the types of each setting, if any."""
+    known = [key for key in kinds if kinds[key]]
     settings: dict[str, object] = {}
     for item in filter(None, text.split(",")):
         key, _, value = item.partition("=")
-        if key not in kinds:
-            known = ", ".join(kinds) or "none"
-            raise InputError(f"{method} has no setting {key!r}; it has: {known}")
+        if key not in known:
+            raise InputError(
+                f"{method} has no setting {key!r}; it has: {', '.join(known) or 'none'}"
+            )
         try:
             settings[key] = _parse_value(value, kinds[key])
         except ValueError:
-            kind = formatannotation(kinds[key])
-            raise InputError(f"{method}: {key}={value!r} is no {kind}") from None
+            expected = " or ".join(map(formatannotation, kinds[key]))
+            raise InputError(f"{method}: {key}={value!r} is no {expected}") from None
     return settings
 
 
-def _parse_value(text: str, hint: Any) -> object:
-    """`text` as the first of the hint's types that it fits; ValueError if it fits none."""
-    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+def _parse_value(text: str, kinds: list[Any]) -> object:
+    """`text` as the first of the types that it fits; ValueError if it fits none."""
     for kind in kinds:
         if get_origin(kind) is Literal:
             if text in get_args(kind):
                 return text
-        elif kind is NoneType:
-            if text == "none":
-                return None
         else:
             with suppress(ValueError):
                 return kind(text)

@@ -1,0 +1,56 @@
+"""The denoising loop: the scheduler's step, then steering.
+
+| code | paper |
+|---|---|
+| latents | x_t |
+| predicted_x0 | x0~ |
+| alpha_bar | alpha-bar_t |
+| steering_strength | lambda = steering_strength * sqrt(1 - alpha_bar) |
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from steered_marigold.core.steering import Steering, steering_update
+from steered_marigold.diffusion.codec import DepthCodec
+
+Generators = torch.Generator | list[torch.Generator] | None
+# (step, timestep, {"latents", "predicted_x0", "steering_target"}) -> the latents to go on with
+StepEnd = Callable[[int, Tensor, dict[str, Tensor | None]], Tensor]
+
+
+def denoise(
+    predict: Callable[[Tensor, Tensor], Tensor],
+    scheduler: Any,
+    codec: DepthCodec,
+    latents: Float[Tensor, "batch channels h w"],
+    *,
+    steering: Steering | None,
+    steering_strength: float,
+    generator: Generators,
+    step_end: StepEnd,
+) -> Float[Tensor, "batch channels h w"]:
+    """Depth latents from noise (the paper, Algorithm 1).
+
+    predict: (latents, timestep) to the U-Net's output. scheduler: with its timesteps set.
+    Without steering this is Marigold's own loop, operation by operation.
+    """
+    alpha_bar = scheduler.alphas_cumprod[scheduler.timesteps.cpu()]
+    strengths = (steering_strength * (1 - alpha_bar).sqrt()).to(latents)
+    for i, t in enumerate(scheduler.timesteps):
+        out = scheduler.step(predict(latents, t), t, latents, generator=generator)
+        # LCM's x0 is boundary-scaled and has another name
+        predicted_x0 = out["denoised" if "denoised" in out else "pred_original_sample"]
+        latents, target = out.prev_sample, None
+        if steering is not None:
+            decoded = codec.decode(predicted_x0).float()
+            target = steering.target(decoded, i)
+            target_latents = codec.encode(target)
+            latents = steering_update(latents, predicted_x0, target_latents, strengths[i])
+        tensors = {"latents": latents, "predicted_x0": predicted_x0, "steering_target": target}
+        latents = step_end(i, t, tensors)
+    return latents

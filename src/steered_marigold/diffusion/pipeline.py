@@ -1,0 +1,343 @@
+"""`SteeredMarigoldPipeline`: Marigold, steered by measured depth."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Literal
+
+import diffusers
+import torch
+from diffusers import AutoencoderKL, MarigoldDepthPipeline, UNet2DConditionModel
+from diffusers.utils.torch_utils import randn_tensor
+from torch import Tensor
+from transformers import CLIPTextModel, CLIPTokenizer
+
+from steered_marigold.core.completion import DepthCompletion, join_completions
+from steered_marigold.core.consistency import SensorNoise
+from steered_marigold.core.finishing import finish, without_measurements
+from steered_marigold.core.steering import ConditionAlignment, Steering
+from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.diffusion.denoising import Generators, StepEnd, denoise
+from steered_marigold.diffusion.image_encoder import ImageEncoder
+from steered_marigold.diffusion.measurements import check_measurements, move_to_grid, stack_maps
+from steered_marigold.diffusion.presets import Preset, get_preset
+from steered_marigold.errors import InputError
+
+Maps = Tensor | Sequence[Tensor]
+CallbackOnStepEnd = Callable[[Any, int, Tensor, dict[str, Any]], dict[str, Any]]
+
+
+class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
+    """Dense metric depth from an image and incomplete measurements (SteeredMarigold, ICRA 2025).
+
+    Takes every model from a Marigold depth checkpoint, plus one optional component:
+    image_encoder, which stands in for the VAE on the image side of the U-Net.
+    """
+
+    model_cpu_offload_seq = "text_encoder->image_encoder->unet->vae"
+    _optional_components = ["image_encoder"]  # noqa: RUF012 (diffusers' own form)
+    _callback_tensor_inputs = ["latents", "predicted_x0", "steering_target"]  # noqa: RUF012
+
+    def __init__(
+        self,
+        unet: UNet2DConditionModel,
+        vae: AutoencoderKL,
+        scheduler: Any,
+        text_encoder: CLIPTextModel,
+        tokenizer: CLIPTokenizer,
+        image_encoder: ImageEncoder | None = None,
+        prediction_type: str | None = None,
+        scale_invariant: bool | None = True,
+        shift_invariant: bool | None = True,
+        default_denoising_steps: int | None = None,
+        default_processing_resolution: int | None = None,
+    ) -> None:
+        super().__init__(
+            unet,
+            vae,
+            scheduler,
+            text_encoder,
+            tokenizer,
+            prediction_type,
+            scale_invariant,
+            shift_invariant,
+            default_denoising_steps,
+            default_processing_resolution,
+        )
+        self.register_modules(image_encoder=image_encoder)
+        self._text_embeddings: dict[int | None, Tensor] = {}
+
+    @torch.no_grad()
+    def __call__(
+        self,
+        image: Any,
+        sparse_depth: Maps | None = None,
+        valid_mask: Maps | None = None,
+        *,
+        preset: str | None = "default",
+        num_inference_steps: int | None = None,
+        steering_strength: float | None = None,
+        neighborhood_px: int | None = None,
+        anchor_fraction: float | None = None,
+        anchors: Literal["fixed", "redraw"] | None = None,
+        max_anchors: int | None = None,
+        condition_alignment: ConditionAlignment | None = None,
+        ensemble_size: int | None = None,
+        processing_resolution: int | None = None,
+        sensor_noise: SensorNoise | None = None,
+        confidence: Maps | None = None,
+        generator: Generators = None,
+        latents: Tensor | None = None,
+        callback_on_step_end: CallbackOnStepEnd | None = None,
+        callback_on_step_end_tensor_inputs: Sequence[str] = ("latents",),
+        output_type: Literal["pt", "np"] = "pt",
+        return_dict: bool = True,
+    ) -> Any:
+        """Completes the depth of one image or a batch of images of one size.
+
+        image: whatever `MarigoldDepthPipeline` takes. sparse_depth: [m], [height, width] or
+        [batch, height, width], at the image's size; None for plain Marigold (`metric` is then
+        False). valid_mask: where it was measured; None: where it is finite and positive.
+        preset: "paper", "default", "fast", or None for the pipeline as it is; explicit arguments
+        win over it. steering_strength: lambda; 0 does not steer. neighborhood_px: zeta [px] and
+        anchor_fraction: the share of all pixels drawn as anchors, both on the processing grid.
+        anchors: drawn once, or anew in every step. max_anchors: thins the measurements that steer.
+        sensor_noise: how closely to meet measurements, for presets that do; None is exactly.
+        confidence: in [0, 1], weights the measurements. generator: one, or one for each image.
+        latents: [batch * ensemble_size, 4, h, w], instead of drawing them.
+        callback_on_step_end(pipe, step, timestep, tensors): may return {"latents": ...}.
+
+        Returns a `DepthCompletion` on the pipeline's device; with output_type "np" a dictionary of
+        its arrays; with return_dict=False the tuple (depth, uncertainty, affine_depth).
+        Raises InputError, SizeMismatchError or NoMeasurementsError for input that does not fit.
+        """
+        settings = get_preset(preset).override(
+            num_inference_steps=num_inference_steps,
+            steering_strength=steering_strength,
+            neighborhood_px=neighborhood_px,
+            anchor_fraction=anchor_fraction,
+            anchors=anchors,
+            max_anchors=max_anchors,
+            condition_alignment=condition_alignment,
+            ensemble_size=ensemble_size,
+            processing_resolution=processing_resolution,
+        )
+        device, members = self._execution_device, settings.ensemble_size
+        steps, resolution = self._checkpoint_defaults(settings)
+        images = self._check(image, steps, members, resolution, latents, generator)
+        pixels, padding, size = self.image_processor.preprocess(
+            image, resolution, "bilinear", device, self.dtype
+        )
+        measured = None
+        if sparse_depth is not None:
+            measured = check_measurements(sparse_depth, valid_mask, images, tuple(size))
+        codec = DepthCodec(self.vae)
+        encode = codec.encode_image if self.image_encoder is None else self.image_encoder
+        image_latents = encode(pixels).repeat_interleave(members, dim=0)
+        noise = _per_member(generator, images, members)
+        if latents is None:
+            shape = (len(image_latents), codec.channels, *image_latents.shape[-2:])
+            latents = randn_tensor(shape, noise, device=device, dtype=self.dtype)
+        steering = None
+        if measured is not None and settings.steering_strength != 0:
+            grid = tuple(pixels.shape[-2:])
+            inner = (grid[0] - padding[0], grid[1] - padding[1])
+            on_grid = move_to_grid(*measured, inner, grid)
+            steering = _steering(settings, on_grid, _fork(generator, images), device)
+        with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, steps) as end:
+            latents = denoise(
+                self._predictor(image_latents, settings.prompt_tokens),
+                self._scheduler(settings, steps),
+                codec,
+                latents.to(device, self.dtype),
+                steering=steering,
+                steering_strength=settings.steering_strength,
+                generator=noise,
+                step_end=end,
+            )
+        affine = self._affine_depth(codec.decode(latents), padding, tuple(size)).split(members)
+        if measured is None:
+            answers = [without_measurements(group) for group in affine]
+        else:
+            maps = (None if confidence is None else stack_maps(confidence).float().to(device))
+            colour = self._colour(image) if settings.finishing.consistent else None
+            answers = [
+                finish(
+                    group,
+                    measured[0][i].to(device),
+                    measured[1][i].to(device),
+                    settings.finishing,
+                    noise=sensor_noise or SensorNoise(),
+                    confidence=None if maps is None else maps[i],
+                    image=None if colour is None else colour[i],
+                )
+                for i, group in enumerate(affine)
+            ]
+        self.maybe_free_model_hooks()
+        return _output(join_completions(answers), output_type, return_dict)
+
+    def _checkpoint_defaults(self, settings: Preset) -> tuple[int, int]:
+        """(steps, processing resolution) with what the preset leaves to the checkpoint."""
+        steps = settings.num_inference_steps or self.default_denoising_steps
+        resolution = settings.processing_resolution
+        if resolution is None or (resolution == 0 and self.image_encoder is not None):
+            resolution = self.default_processing_resolution
+        return steps, resolution
+
+    def _check(
+        self,
+        image: Any,
+        steps: int,
+        members: int,
+        resolution: int,
+        latents: Tensor | None,
+        generator: Generators,
+    ) -> int:
+        """The number of images; stock Marigold's checks, as errors of this package."""
+        if members == 2:  # stock Marigold warns of a pair, which is fine here
+            members = 1 if latents is None else members
+        one = None if isinstance(generator, list) else generator
+        try:
+            images: int = self.check_inputs(
+                image, steps, members, resolution, "bilinear", "bilinear", 1,
+                None, latents, one, "pt", False,
+            )  # fmt: skip
+        except ValueError as error:
+            raise InputError(str(error)) from error
+        if isinstance(generator, list) and len(generator) != images:
+            raise InputError(
+                f"generator is a list of {len(generator)} for {images} images: give one an image"
+            )
+        return images
+
+    def _scheduler(self, settings: Preset, steps: int) -> Any:
+        """A scheduler with its timesteps set: a local one if the preset asks for other settings."""
+        scheduler = self.scheduler
+        if settings.scheduler is not None:
+            name, changes = settings.scheduler
+            kind = type(scheduler) if name is None else getattr(diffusers, name)
+            scheduler = kind.from_config(scheduler.config, **changes)
+        scheduler.set_timesteps(steps, device=self._execution_device)
+        return scheduler
+
+    def _predictor(
+        self, image_latents: Tensor, prompt_tokens: int | None
+    ) -> Callable[[Tensor, Tensor], Tensor]:
+        """The U-Net with all but its latents and timestep filled in."""
+        text = self._empty_prompt(prompt_tokens).expand(len(image_latents), -1, -1)
+
+        def predict(latents: Tensor, t: Tensor) -> Tensor:
+            both = torch.cat([image_latents, latents], dim=1)
+            output: Tensor = self.unet(both, t, encoder_hidden_states=text, return_dict=False)[0]
+            return output
+
+        return predict
+
+    def _empty_prompt(self, tokens: int | None) -> Tensor:
+        """The empty prompt's embedding [1, tokens, channels], computed once for each length."""
+        if tokens not in self._text_embeddings:
+            padding = "do_not_pad" if tokens is None else "max_length"
+            ids = self.tokenizer(
+                "",
+                padding=padding,
+                max_length=tokens or self.tokenizer.model_max_length,
+                truncation=True,
+                return_tensors="pt",
+            ).input_ids
+            self._text_embeddings[tokens] = self.text_encoder(ids.to(self._execution_device))[0]
+        return self._text_embeddings[tokens].to(self._execution_device, self.dtype)
+
+    @contextmanager
+    def _step_end(
+        self, callback: CallbackOnStepEnd | None, inputs: Sequence[str], steps: int
+    ) -> Iterator[StepEnd]:
+        """What happens after each step: progress, and the caller's callback."""
+        unknown = set(inputs) - set(self._callback_tensor_inputs)
+        if unknown:
+            raise InputError(
+                f"callback_on_step_end_tensor_inputs has {sorted(unknown)}; "
+                f"known are {self._callback_tensor_inputs}"
+            )
+        with self.progress_bar(total=steps) as progress:
+
+            def step_end(i: int, t: Tensor, tensors: dict[str, Tensor | None]) -> Tensor:
+                progress.update()
+                latents = tensors["latents"]
+                if callback is not None:
+                    changed = callback(self, i, t, {name: tensors[name] for name in inputs})
+                    latents = (changed or {}).get("latents", latents)
+                assert latents is not None
+                return latents
+
+            yield step_end
+
+    def _affine_depth(
+        self, decoded: Tensor, padding: tuple[int, int], size: tuple[int, int]
+    ) -> Tensor:
+        """Decoded depth in [-1, 1] to [0, 1] at the input's size, without padding."""
+        affine = self.image_processor.unpad_image((decoded[:, None] + 1.0) / 2.0, padding)
+        resized: Tensor = self.image_processor.resize_antialias(affine, size, "bilinear", False)
+        return resized[:, 0]
+
+    def _colour(self, image: Any) -> Tensor:
+        """The images as [batch, 3, height, width] in [0, 1]."""
+        images = image if isinstance(image, list) else [image]
+        load = self.image_processor.load_image_canonical
+        return torch.cat([load(i, self._execution_device, torch.float32) for i in images])
+
+
+def _steering(
+    settings: Preset,
+    measured: tuple[Tensor, Tensor],
+    generators: list[torch.Generator],
+    device: torch.device,
+) -> Steering:
+    return Steering(
+        *measured,
+        neighborhood_px=settings.neighborhood_px,
+        anchor_fraction=settings.anchor_fraction,
+        redraw=settings.anchors == "redraw",
+        max_anchors=settings.max_anchors,
+        condition_alignment=settings.condition_alignment,
+        generators=generators,
+        device=device,
+    )
+
+
+def _per_member(generator: Generators, images: int, members: int) -> Generators:
+    """One generator for each ensemble member, so that a batch draws as its images would alone.
+
+    A single generator for several images is passed on: diffusers then draws for all at once.
+    """
+    if isinstance(generator, torch.Generator):
+        return generator if images > 1 else [generator] * members
+    return None if generator is None else [g for g in generator for _ in range(members)]
+
+
+def _fork(generator: Generators, images: int) -> list[torch.Generator]:
+    """A CPU generator for the anchors of each image, seeded from the caller's generator.
+
+    The seed comes from a copy, so the caller's noise stream does not move.
+    """
+    sources = generator if isinstance(generator, list) else [generator]
+    forks = []
+    for source in sources:
+        source = torch.default_generator if source is None else source
+        copy = torch.Generator(source.device)
+        copy.set_state(source.get_state())
+        seed = torch.randint(2**62, (), generator=copy, device=source.device)
+        forks.append(torch.Generator().manual_seed(int(seed)))
+    return forks if len(forks) == images else forks * images
+
+
+def _output(answer: DepthCompletion, output_type: str, return_dict: bool) -> Any:
+    """The answer in the form that the caller asked for."""
+    if output_type not in ("pt", "np"):
+        raise InputError(f"output_type is {output_type!r}: choose 'pt' or 'np'")
+    if output_type == "pt" and return_dict:
+        return answer
+    values: dict[str, Any] = dict(vars(answer))
+    if output_type == "np":
+        values = {k: v.cpu().numpy() if torch.is_tensor(v) else v for k, v in values.items()}
+    if return_dict:
+        return values
+    return values["depth"], values["uncertainty"], values["affine_depth"]

@@ -1,0 +1,130 @@
+"""Named sets of call arguments."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from steered_marigold.core.finishing import Finishing
+from steered_marigold.core.steering import ConditionAlignment
+from steered_marigold.core.uncertainty import UncertaintyModel
+from steered_marigold.errors import InputError
+
+# the authors' scheduler settings that do not come from the checkpoint (PAPER: DDPM of SD 2)
+PAPER_SCHEDULER = {
+    "num_train_timesteps": 1000,
+    "timestep_spacing": "leading",
+    "steps_offset": 1,
+    "clip_sample": False,
+    "variance_type": "fixed_small",
+    "thresholding": False,
+}
+AS_FITTED = Finishing(robust=False, consistent=False, minimum_depth=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """Arguments of `SteeredMarigoldPipeline.__call__` that it fills in where none is given.
+
+    num_inference_steps None: as many as the checkpoint says. processing_resolution None: the
+    checkpoint's; 0: the image's own size, unless the checkpoint has an image encoder, which only
+    knows its training resolution. These fields have no argument of their own:
+    scheduler: class name (None: the checkpoint's own) and settings that a local scheduler takes
+    instead of the checkpoint's; None leaves the pipeline's scheduler as it is.
+    prompt_tokens: length that the empty prompt is padded to, or None for no padding.
+    finishing: how the prediction becomes metric.
+    """
+
+    num_inference_steps: int | None
+    steering_strength: float
+    neighborhood_px: int
+    anchor_fraction: float
+    anchors: Literal["fixed", "redraw"]
+    max_anchors: int | None
+    condition_alignment: ConditionAlignment
+    ensemble_size: int
+    processing_resolution: int | None
+    scheduler: tuple[str | None, dict[str, Any]] | None
+    prompt_tokens: int | None
+    finishing: Finishing
+
+    def override(self, **arguments: Any) -> "Preset":
+        """This preset with the arguments that are not None."""
+        return replace(self, **{k: v for k, v in arguments.items() if v is not None})
+
+
+PAPER = Preset(
+    num_inference_steps=50,
+    steering_strength=0.1,
+    neighborhood_px=7,
+    anchor_fraction=0.05,
+    anchors="redraw",
+    max_anchors=None,
+    condition_alignment="least_squares",
+    ensemble_size=1,
+    processing_resolution=0,
+    scheduler=("DDPMScheduler", PAPER_SCHEDULER),
+    prompt_tokens=77,
+    finishing=AS_FITTED,
+)
+# the pipeline as it is: Marigold, unsteered
+PLAIN = Preset(
+    num_inference_steps=None,
+    steering_strength=0.0,
+    neighborhood_px=7,
+    anchor_fraction=0.05,
+    anchors="fixed",
+    max_anchors=None,
+    condition_alignment="least_squares",
+    ensemble_size=1,
+    processing_resolution=None,
+    scheduler=None,
+    prompt_tokens=None,
+    finishing=AS_FITTED,
+)
+DEFAULT = Preset(
+    num_inference_steps=None,
+    steering_strength=0.3,
+    neighborhood_px=7,
+    anchor_fraction=0.05,
+    anchors="fixed",
+    max_anchors=4000,
+    condition_alignment="minmax",
+    ensemble_size=4,
+    processing_resolution=None,
+    scheduler=None,
+    prompt_tokens=None,
+    finishing=Finishing(
+        robust=True,
+        consistent=True,
+        minimum_depth=0.05,
+        uncertainty=UncertaintyModel(near=0.01, reach=1.0, length=0.05, spread=1.0),
+    ),
+)
+FAST = Preset(
+    num_inference_steps=1,
+    steering_strength=0.0,
+    neighborhood_px=7,
+    anchor_fraction=0.05,
+    anchors="fixed",
+    max_anchors=1500,
+    condition_alignment="minmax",
+    ensemble_size=1,
+    processing_resolution=None,
+    scheduler=(None, {"timestep_spacing": "trailing"}),
+    prompt_tokens=None,
+    finishing=Finishing(
+        robust=True,
+        consistent=True,
+        minimum_depth=0.05,
+        uncertainty=UncertaintyModel(near=0.01, reach=1.0, length=0.05, spread=1.0),
+    ),
+)
+PRESETS = {"paper": PAPER, "default": DEFAULT, "fast": FAST}
+
+
+def get_preset(name: str | None) -> Preset:
+    """The preset of that name; None is the pipeline as it is. Raises InputError for others."""
+    if name is None:
+        return PLAIN
+    if name not in PRESETS:
+        raise InputError(f"unknown preset {name!r}: choose one of {', '.join(PRESETS)}")
+    return PRESETS[name]

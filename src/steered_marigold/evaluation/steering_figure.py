@@ -1,0 +1,87 @@
+"""The direction of steering in an early and a late step (the paper's Fig. 4)."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+from torch import Generator, Tensor
+
+from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.evaluation.pictures import (
+    colour_range,
+    panels,
+    show,
+    show_depth,
+    sparse_picture,
+    truth_picture,
+)
+from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.methods.steered import SteeredCompleter
+
+
+@dataclass(frozen=True)
+class SteeringStep:
+    """One denoising step, of the first ensemble member, on the processing grid.
+
+    predicted: x0D, the decoded prediction, in [-1, 1]. target: x0D - phi1 + phi2, where steering
+    moves it.
+    """
+
+    timestep: int
+    predicted: Float[Tensor, "height width"]
+    target: Float[Tensor, "height width"]
+
+
+def record_steering(
+    completer: SteeredCompleter, frame: PreparedFrame, *, generator: Generator
+) -> list[SteeringStep]:
+    """The steps of one completion; none if the completer does not steer."""
+    steps: list[SteeringStep] = []
+
+    def on_step_end(
+        pipe: Any, step: int, timestep: Tensor, tensors: dict[str, Any]
+    ) -> dict[str, Any]:
+        if tensors["steering_target"] is not None:
+            predicted = DepthCodec(pipe.vae).decode(tensors["predicted_x0"][:1])
+            maps = (x[0].float().cpu() for x in (predicted, tensors["steering_target"]))
+            steps.append(SteeringStep(int(timestep), *maps))
+        return {}
+
+    recorder: Any = copy(completer)  # the same completer, with a pipeline that reports its steps
+    recorder.pipeline = partial(
+        completer.pipeline,
+        callback_on_step_end=on_step_end,
+        callback_on_step_end_tensor_inputs=("predicted_x0", "steering_target"),
+    )
+    measured = frame.measurements
+    recorder.complete(
+        frame.image, measured.sparse_depth, measured.valid_mask, frame.K, generator=generator
+    )
+    return steps
+
+
+def steering_figure(frame: PreparedFrame, steps: Sequence[SteeringStep]) -> Figure:
+    """Truth and samples; then x0D, the map it is moved to, and their difference, a row a step.
+
+    The two steps drawn are the first and the last. Strength is not taken into account.
+    """
+    truth = truth_picture(frame)
+    figure, axes = panels(2, 4, frame.depth.shape)
+    show_depth(axes[0, 0], truth, colour_range(truth), "truth")
+    show_depth(axes[1, 0], sparse_picture(frame), colour_range(truth), "samples")
+    shown = (steps[0], steps[-1])
+    largest = max(float(np.percentile((s.target - s.predicted).abs(), 99)) for s in shown)
+    for row, step in zip(axes, shown, strict=True):
+        scale = colour_range(step.target.numpy())
+        show_depth(row[1], step.predicted.numpy(), scale, f"t = {step.timestep}: predicted")
+        show_depth(row[2], step.target.numpy(), scale, "steered towards")
+        direction = (step.target - step.predicted).numpy()
+        limits = {"vmin": -max(largest, 1e-6), "vmax": max(largest, 1e-6)}
+        drawn = show(row[3], direction, "difference", cmap="RdBu", **limits)
+    figure.colorbar(drawn, ax=axes.ravel().tolist(), label="affine depth, of -1 to 1")
+    return figure

@@ -1,0 +1,95 @@
+"""Stage 2: the codec, an AutoencoderKL in Stable Diffusion's layout at small width."""
+
+from pathlib import Path
+
+import torch
+from diffusers import AutoencoderKL
+from torch import Tensor, nn
+
+from training.data import MixedFrames, batches, image_to_model
+from training.image_branch import gradient_loss, held_out_frames
+from training.trainer import Batch, Trainer
+
+CROP = 128
+# of a batch of 16, this many are colour images; the rest is depth
+COLOUR = 3
+# what the decoder must tolerate: the denoiser's latents are never exact
+LATENT_NOISE = 0.05
+
+
+def build() -> AutoencoderKL:
+    """An untrained codec: 4 latent channels at one eighth of the resolution."""
+    return AutoencoderKL(
+        down_block_types=("DownEncoderBlock2D",) * 4,
+        up_block_types=("UpDecoderBlock2D",) * 4,
+        block_out_channels=(16, 32, 48, 64),
+        layers_per_block=1,
+        latent_channels=4,
+        norm_num_groups=8,
+        mid_block_add_attention=False,
+        scaling_factor=1.0,
+    )
+
+
+def codec_batch(batch: Batch, generator: torch.Generator) -> Tensor:
+    """Random crops [16, 3, CROP, CROP] in [-1, 1]: grey depth, stretched at random, and colour."""
+    height, width = batch["depth"].shape[-2:]
+    y = int(torch.randint(height - CROP + 1, (), generator=generator))
+    x = int(torch.randint(width - CROP + 1, (), generator=generator))
+    window = (..., slice(y, y + CROP), slice(x, x + CROP))
+    depth, image = batch["depth"][window], image_to_model(batch["image"][window])
+    # steering encodes maps whose range is not that of a whole frame
+    low, high = torch.rand(2, len(depth), 1, 1, 1, generator=generator)
+    stretch = torch.rand(len(depth), 1, 1, 1, generator=generator) < 0.5
+    squeezed = depth * (0.3 + 0.7 * low) + (high - 0.5) * 0.7
+    depth = torch.where(stretch, squeezed.clamp(-1.05, 1.05), depth)
+    return torch.cat((image[:COLOUR], depth[COLOUR:].expand(-1, 3, -1, -1)))
+
+
+def reconstruction(codec: nn.Module, image: Tensor, noise: float = 0.0) -> tuple[Tensor, Tensor]:
+    """(decoded, latents) of images in [-1, 1]."""
+    latents = codec.encode(image).latent_dist.mode()  # type: ignore[operator]
+    noisy = latents + noise * torch.randn_like(latents)
+    return codec.decode(noisy).sample, latents  # type: ignore[operator]
+
+
+@torch.no_grad()
+def validate(codec: nn.Module, depths: Tensor) -> dict[str, float]:
+    """abs_rel of the true depth of held-out frames through encoder and decoder."""
+    total = 0.0
+    for depth in depths:
+        low, high = torch.quantile(depth, torch.tensor([0.02, 0.98]))
+        x = (2 * (depth - low) / (high - low) - 1).clamp(-1, 1)[None]
+        with torch.autocast("cpu", torch.bfloat16):
+            y = reconstruction(codec, x.expand(-1, 3, -1, -1))[0]
+        y = y.float().mean(dim=1, keepdim=True).clamp(-1, 1)
+        metric = low + (x + 1) / 2 * (high - low)
+        total += float(((y - x).abs() / 2 * (high - low) / metric).mean())
+    return {"abs_rel": total / len(depths)}
+
+
+def train(nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float) -> None:
+    """Trains the codec; `run/last.pt` holds it."""
+    codec = build().to(memory_format=torch.channels_last)
+    generator = torch.Generator().manual_seed(0)
+
+    def loss_function(batch: Batch) -> dict[str, Tensor]:
+        image = codec_batch(batch, generator).to(memory_format=torch.channels_last)
+        with torch.autocast("cpu", torch.bfloat16):
+            decoded, latents = reconstruction(codec, image, LATENT_NOISE)
+        error = decoded.float() - image
+        terms = {
+            "depth": error[COLOUR:].abs().mean(),
+            "colour": error[:COLOUR].abs().mean(),
+            "edges": gradient_loss(error[COLOUR:]),
+            "size": latents.float().square().mean(),
+        }
+        loss = terms["depth"] + 0.3 * terms["edges"] + 0.1 * terms["colour"] + 1e-4 * terms["size"]
+        return {"loss": loss} | terms
+
+    data = MixedFrames(nyuv2, rooms, rooms_share=0.5, seed=1)
+    depths = held_out_frames(nyuv2, "tune")[1][::4] if nyuv2 else None
+    groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.5e-3}]
+    Trainer(codec, groups, run, minutes).fit(
+        batches(data, 16), loss_function, (lambda m: validate(m, depths)) if nyuv2 else None
+    )
