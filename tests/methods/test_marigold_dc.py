@@ -5,11 +5,12 @@ from typing import Any, cast
 
 import pytest
 import torch
-from diffusers import AutoencoderKL, DDIMScheduler, MarigoldDepthPipeline, UNet2DConditionModel
+from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
 from jaxtyping import Bool, Float
 from torch import Tensor
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
+from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import InputError, NoMeasurementsError
 from steered_marigold.methods.marigold_dc import MarigoldDCCompleter, guided_denoising
 from steered_marigold.methods.protocol import DepthCompleter
@@ -20,7 +21,7 @@ Function = Callable[..., Tensor]
 
 @pytest.fixture(scope="module")
 def pipeline() -> Any:
-    """Marigold's pipeline around models of the real classes, tiny and random."""
+    """The pipeline around models of the real classes, tiny and random."""
     torch.manual_seed(0)
     unet = UNet2DConditionModel(  # type: ignore[no-untyped-call]
         in_channels=8,
@@ -52,7 +53,7 @@ def pipeline() -> Any:
         )
     )
     tokenizer = CLIPTokenizer(vocab={"<|startoftext|>": 0, "<|endoftext|>": 1}, merges=[])
-    pipe: Any = MarigoldDepthPipeline(  # type: ignore[no-untyped-call]
+    pipe: Any = SteeredMarigoldPipeline(
         unet=unet,
         vae=vae,
         scheduler=schedule(1),

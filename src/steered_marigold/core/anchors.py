@@ -9,6 +9,8 @@ from jaxtyping import Bool, Int
 from scipy import ndimage
 from torch import Tensor
 
+CORNERS = ([0, 0, -1, -1], [0, -1, 0, -1])
+
 
 @dataclass(frozen=True)
 class Anchors:
@@ -40,8 +42,7 @@ def far_from_known(
     """True outside the neighbourhood of every known pixel; everywhere if neighborhood_px is 0."""
     if neighborhood_px <= 0:
         return torch.ones_like(valid_mask)
-    # a dilation per pixel of a 13x13 ellipse is 20 times slower than one distance transform of
-    # the rows' reaches, so dilate row offset by row offset
+    # row by row of the ellipse: a third of the time of `binary_dilation`
     known = valid_mask.cpu().numpy()
     near = np.zeros_like(known)
     height = known.shape[0]
@@ -73,7 +74,7 @@ def select_anchors(
     chosen = torch.zeros(height * width, dtype=torch.bool)
     chosen[drawn[: round(anchor_fraction * height * width)]] = True
     positions = known | (chosen.view(height, width) & far)
-    positions[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+    positions[CORNERS] = True
     points = positions.nonzero().flip(-1)
     return Anchors(points, known[points[:, 1], points[:, 0]])
 
@@ -85,21 +86,22 @@ def thin_measurements(
 
     Kept are the known pixel nearest to the centre of each cell of `cell` x `cell` pixels (one
     latent position), and those at the borders of holes wider than a cell, where a large part of
-    the image hangs on what was measured. If both together are too many, the borders are thinned
-    evenly, then the cells.
+    the image hangs on what was measured; and the image's corners, which are always anchors. If
+    they are too many, the borders are thinned evenly, then the cells.
     """
     if int(known.sum()) <= max_anchors:
         return known
     mask = known.numpy()
     centres = _nearest_to_cell_centres(mask, cell)
-    closed = ndimage.maximum_filter(mask, cell)
-    closed = ndimage.minimum_filter(closed, cell + 2, origin=(-1, -1) if cell % 2 else 0)
-    borders = np.flatnonzero(mask & ~closed & ~centres)
-    budget = max(max_anchors - int(centres.sum()), 0)
+    side = cell + 1 - cell % 2  # an odd window is symmetric
+    wide_holes = ndimage.maximum_filter(ndimage.minimum_filter(~mask, side), side)
+    borders = np.flatnonzero(mask & ndimage.maximum_filter(wide_holes, 3) & ~centres)
+    budget = max(max_anchors - 4 - int(centres.sum()), 0)
     kept = np.flatnonzero(centres)
-    kept = np.concatenate((_evenly(kept, max_anchors), _evenly(borders, budget)))
+    kept = np.concatenate((_evenly(kept, max_anchors - 4), _evenly(borders, budget)))
     thinned = np.zeros_like(mask)
     thinned.flat[kept] = True
+    thinned[CORNERS] = mask[CORNERS]
     return torch.from_numpy(thinned)
 
 

@@ -109,11 +109,11 @@ class Steering:
 
     def __post_init__(self) -> None:
         masks = self.mask.cpu()
+        self._condition = normalise_condition(self.sparse_depth, self.mask).to(self.device)
+        self._far = [far_from_known(m, self.neighborhood_px) for m in masks]
         if self.max_anchors is not None:
             masks = torch.stack([thin_measurements(m, self.max_anchors) for m in masks])
         self._known = masks
-        self._condition = normalise_condition(self.sparse_depth, self.mask).to(self.device)
-        self._far = [far_from_known(m, self.neighborhood_px) for m in masks]
         self._draw()
 
     def _draw(self) -> None:

@@ -1,7 +1,7 @@
 """Marigold-DC: a Marigold checkpoint whose latent is optimised against the measurements."""
 
 from collections.abc import Callable
-from typing import Any, Self, cast
+from typing import Any, cast
 
 import torch
 from diffusers import DDIMScheduler
@@ -72,8 +72,8 @@ class MarigoldDCCompleter:
         num_inference_steps: int = 50,
         ensemble_size: int = 1,
         processing_resolution: int | None = None,
-    ) -> Self:
-        """Loads a checkpoint (see `load_pipeline`); dtype None is bfloat16 on CUDA, else float32."""
+    ) -> "MarigoldDCCompleter":
+        """Loads a checkpoint (see `load_pipeline`); no dtype: bfloat16 on CUDA, else float32."""
         pipeline = cast(Any, load_pipeline(checkpoint, device=device, dtype=dtype or torch.float32))
         if dtype is None and pipeline.device.type == "cuda":
             pipeline.to(dtype=torch.bfloat16)

@@ -1,0 +1,338 @@
+"""The pipeline: stock Marigold at strength 0, Eq. 11 otherwise, and what diffusers users expect."""
+
+from pathlib import Path
+from typing import Any
+
+import diffusers
+import numpy as np
+import pytest
+import torch
+from diffusers import MarigoldDepthPipeline
+from PIL import Image
+
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.consistency import SensorNoise
+from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.presets import PRESETS
+from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
+
+HEIGHT, WIDTH = 60, 84
+
+
+def frame(seed: int = 0, share: float = 0.1) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """(image in [0, 1], depth [m], mask)."""
+    generator = torch.Generator().manual_seed(seed)
+    image = torch.rand(3, HEIGHT, WIDTH, generator=generator)
+    depth = torch.rand(HEIGHT, WIDTH, generator=generator) * 3 + 1
+    return image, depth, torch.rand(HEIGHT, WIDTH, generator=generator) < share
+
+
+def seeded(seed: int = 5) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def stock(pipeline: SteeredMarigoldPipeline) -> Any:
+    components = {k: v for k, v in pipeline.components.items() if k != "image_encoder"}
+    pipe = MarigoldDepthPipeline(
+        **components,
+        prediction_type="depth",
+        default_denoising_steps=3,
+        default_processing_resolution=48,
+    )
+    pipe.set_progress_bar_config(disable=True)
+    return pipe
+
+
+@pytest.mark.parametrize("scheduler", ["DDPMScheduler", "DDIMScheduler", "LCMScheduler"])
+def test_strength_0_is_stock_marigold_bit_for_bit(
+    pipeline: SteeredMarigoldPipeline, scheduler: str
+) -> None:
+    pipeline.scheduler = getattr(diffusers, scheduler).from_config(pipeline.scheduler.config)
+    image, depth, mask = frame()
+    arguments: dict[str, Any] = {"generator": seeded()}
+    if scheduler == "DDIMScheduler":
+        arguments = {"latents": torch.randn(1, 4, 5, 6, generator=seeded())}
+    expected = stock(pipeline)(image, output_type="pt", **arguments).prediction
+    arguments = arguments if "latents" in arguments else {"generator": seeded()}
+    steps = count_steps(pipeline)
+    answer = pipeline(image, depth, mask, preset=None, **arguments)
+    assert torch.equal(answer.affine_depth, expected[:, 0])
+    assert len(steps) == 3
+
+
+def count_steps(pipeline: SteeredMarigoldPipeline) -> list[int]:
+    """A list that grows with each call of the scheduler's step."""
+    calls: list[int] = []
+    step = pipeline.scheduler.step
+
+    def counted(*args: Any, **kwargs: Any) -> Any:
+        calls.append(1)
+        return step(*args, **kwargs)
+
+    pipeline.scheduler.step = counted
+    return calls
+
+
+@pytest.mark.parametrize("kind", ["epsilon", "sample", "v_prediction"])
+@pytest.mark.parametrize("scheduler", ["DDPMScheduler", "DDIMScheduler", "LCMScheduler"])
+def test_every_scheduler_and_prediction_type_steers(
+    pipeline: SteeredMarigoldPipeline, scheduler: str, kind: str
+) -> None:
+    config = dict(pipeline.scheduler.config) | {"prediction_type": kind}
+    pipeline.scheduler = getattr(diffusers, scheduler).from_config(config)
+    image, depth, mask = frame()
+    runs = [
+        pipeline(image, depth, mask, preset=None, steering_strength=s, generator=seeded())
+        for s in (0.0, 0.3)
+    ]
+    assert not torch.equal(runs[0].affine_depth, runs[1].affine_depth)
+    assert all(bool(torch.isfinite(run.depth).all()) for run in runs)
+
+
+def test_a_step_is_equation_11(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    seen: dict[float, list[dict[str, torch.Tensor]]] = {0.0: [], 0.2: []}
+    for strength, steps in seen.items():
+
+        def keep(
+            _: Any,
+            i: int,
+            t: torch.Tensor,
+            tensors: dict[str, torch.Tensor],
+            steps: list[dict[str, torch.Tensor]] = steps,
+        ) -> dict[str, Any]:
+            steps.append({**tensors, "t": t})
+            return {}
+
+        pipeline(
+            image,
+            depth,
+            mask,
+            preset="paper",
+            num_inference_steps=2,
+            steering_strength=strength,
+            processing_resolution=48,
+            generator=seeded(),
+            callback_on_step_end=keep,
+            callback_on_step_end_tensor_inputs=("latents", "predicted_x0", "steering_target"),
+        )
+    plain, steered = seen[0.0][0], seen[0.2][0]
+    assert torch.equal(plain["predicted_x0"], steered["predicted_x0"])
+    alpha_bar = pipeline.scheduler.alphas_cumprod[int(steered["t"])]
+    target = steered["steering_target"][:, None].expand(-1, 3, -1, -1)
+    encoded = pipeline.vae.encode(target).latent_dist.mode() * pipeline.vae.config.scaling_factor
+    step = 0.2 * (1 - alpha_bar).sqrt() * (encoded - steered["predicted_x0"])
+    torch.testing.assert_close(steered["latents"], plain["latents"] + step, rtol=1e-4, atol=1e-5)
+
+
+def test_paper_preset_runs_the_authors_schedule(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    timesteps: list[int] = []
+    sizes = set()
+
+    def keep(_: Any, i: int, t: torch.Tensor, tensors: dict[str, torch.Tensor]) -> dict[str, Any]:
+        timesteps.append(int(t))
+        sizes.add(tuple(tensors["latents"].shape))
+        return {}
+
+    own = pipeline.scheduler
+    pipeline(image, depth, mask, preset="paper", generator=seeded(), callback_on_step_end=keep)
+    assert timesteps == list(range(981, 0, -20))
+    assert sizes == {(1, 4, 8, 11)}  # the image's own size, padded to multiples of 8
+    assert pipeline.scheduler is own
+
+
+@pytest.mark.parametrize("preset", ["default", "fast"])
+def test_our_presets_keep_measurements_and_are_positive(
+    pipeline_with_encoder: SteeredMarigoldPipeline, preset: str
+) -> None:
+    image, _, mask = frame()
+    y, x = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
+    depth = 1 + x / WIDTH + 0.3 * torch.sin(y / 10)
+    answer = pipeline_with_encoder(image, depth, mask, preset=preset, generator=seeded())
+    assert isinstance(answer, DepthCompletion)
+    assert torch.equal(answer.depth[0][mask], depth[mask])
+    assert answer.depth.shape == (1, HEIGHT, WIDTH)
+    assert bool((answer.depth > 0).all())
+    assert answer.uncertainty is not None
+    assert bool((answer.uncertainty >= 0).all())
+
+
+def test_ensemble_is_the_median_and_its_deviation(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    latents = torch.randn(3, 4, 5, 6, generator=seeded())
+    alone = [pipeline(image, depth, mask, preset=None, latents=x[None]).depth for x in latents]
+    answer = pipeline(image, depth, mask, preset=None, ensemble_size=3, latents=latents)
+    members = torch.cat(alone)
+    median = members.median(dim=0).values
+    torch.testing.assert_close(answer.depth[0], median, rtol=1e-4, atol=1e-4)
+    deviation = (members - median).abs().median(dim=0).values
+    assert answer.uncertainty is not None
+    torch.testing.assert_close(answer.uncertainty[0], deviation, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("preset", [None, "default"])
+def test_a_batch_gives_what_its_images_give_alone(
+    pipeline: SteeredMarigoldPipeline, preset: str | None
+) -> None:
+    frames = [frame(0), frame(1, share=0.02)]
+    alone = [
+        pipeline(image, depth, mask, preset=preset, generator=seeded(i)).depth
+        for i, (image, depth, mask) in enumerate(frames)
+    ]
+    images, depths, masks = zip(*frames, strict=True)
+    together = pipeline(
+        list(images),
+        torch.stack(depths),
+        torch.stack(masks),
+        preset=preset,
+        generator=[seeded(0), seeded(1)],
+    )
+    torch.testing.assert_close(together.depth, torch.cat(alone), rtol=1e-3, atol=1e-3)
+
+
+def test_anchors_do_not_shift_the_noise_stream(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    states = []
+    for anchors in ("fixed", "redraw"):
+        generator = seeded()
+        pipeline(
+            image,
+            depth,
+            mask,
+            preset="paper",
+            anchors=anchors,
+            num_inference_steps=2,
+            generator=generator,
+        )
+        states.append(generator.get_state())
+    assert torch.equal(*states)
+
+
+def test_same_seed_same_answer(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    runs = [pipeline(image, depth, mask, generator=seeded(7)).depth for _ in range(2)]
+    assert torch.equal(*runs)
+
+
+def test_callback_may_replace_the_latents(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    zero = {"latents": torch.zeros(1, 4, 5, 6)}
+    answers = [
+        pipeline(
+            image,
+            depth,
+            mask,
+            preset=None,
+            generator=seeded(seed),
+            callback_on_step_end=lambda *_: zero,
+        ).affine_depth
+        for seed in (0, 1)
+    ]
+    assert torch.equal(*answers)
+
+
+def test_unknown_callback_tensors_are_named(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    with pytest.raises(InputError, match="prompt_embeds"):
+        pipeline(image, depth, mask, callback_on_step_end_tensor_inputs=["prompt_embeds"])
+
+
+def test_without_measurements_depth_is_relative(pipeline: SteeredMarigoldPipeline) -> None:
+    answer = pipeline(frame()[0], generator=seeded())
+    assert not answer.metric
+    assert answer.scale is None
+    assert not answer.measured.any()
+    assert 0 <= answer.depth.min() <= answer.depth.max() <= 1
+
+
+def test_output_forms(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    arrays = pipeline(image, depth, mask, preset=None, generator=seeded(), output_type="np")
+    assert isinstance(arrays["depth"], np.ndarray)
+    parts = pipeline(image, depth, mask, preset=None, generator=seeded(), return_dict=False)
+    np.testing.assert_array_equal(parts[0].numpy(), arrays["depth"])
+    with pytest.raises(InputError, match="output_type"):
+        pipeline(image, depth, mask, output_type="pil")
+
+
+def test_takes_pil_images_and_sparse_depth_without_a_mask(
+    pipeline: SteeredMarigoldPipeline,
+) -> None:
+    image, depth, mask = frame()
+    pixels = (image.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8)
+    from_pil = pipeline(
+        Image.fromarray(pixels), torch.where(mask, depth, torch.nan), generator=seeded()
+    )
+    rounded = torch.from_numpy(pixels).permute(2, 0, 1).float() / 255
+    assert torch.equal(from_pil.measured[0], mask)
+    expected = pipeline(rounded, depth, mask, generator=seeded())
+    torch.testing.assert_close(from_pil.depth, expected.depth, rtol=1e-3, atol=1e-3)
+
+
+def test_input_that_does_not_fit(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    with pytest.raises(SizeMismatchError, match="sparse_depth is"):
+        pipeline(image, depth[:-1], mask[:-1])
+    with pytest.raises(NoMeasurementsError, match="no valid measurement"):
+        pipeline(image, depth, torch.zeros_like(mask))
+    with pytest.raises(InputError, match="finite and positive"):
+        pipeline(image, -depth, mask)
+    with pytest.raises(InputError, match="unknown preset"):
+        pipeline(image, depth, mask, preset="best")
+    with pytest.raises(InputError, match="one an image"):
+        pipeline(image, depth, mask, generator=[seeded(), seeded()])
+
+
+def test_reduced_precision(pipeline: SteeredMarigoldPipeline) -> None:
+    pipeline.to(torch.bfloat16)
+    answer = pipeline(*frame(), generator=seeded(), sensor_noise=SensorNoise(metres=0.02))
+    assert answer.depth.dtype == torch.float32
+    assert bool(torch.isfinite(answer.depth).all())
+
+
+@pytest.mark.parametrize("preset", list(PRESETS))
+def test_saves_and_loads_with_its_image_encoder(
+    pipeline_with_encoder: SteeredMarigoldPipeline, preset: str, tmp_path: Path
+) -> None:
+    pipeline_with_encoder.save_pretrained(tmp_path / "saved")
+    loaded = SteeredMarigoldPipeline.from_pretrained(
+        tmp_path / "saved", dtype=torch.float32, use_safetensors=True
+    )
+    loaded.set_progress_bar_config(disable=True)
+    answers = [
+        p(*frame(), preset=preset, num_inference_steps=2, generator=seeded()).depth
+        for p in (pipeline_with_encoder, loaded)
+    ]
+    assert torch.equal(*answers)
+
+
+def test_offload_order_names_every_model(pipeline_with_encoder: SteeredMarigoldPipeline) -> None:
+    order = SteeredMarigoldPipeline.model_cpu_offload_seq.split("->")
+    models = {
+        k for k, v in pipeline_with_encoder.components.items() if isinstance(v, torch.nn.Module)
+    }
+    assert set(order) == models
+    assert order.index("text_encoder") < order.index("unet") < order.index("vae")
+
+
+def test_only_hooked_entry_points_are_called(pipeline: SteeredMarigoldPipeline) -> None:
+    """Offloading moves a model when its forward (or the VAE's encode or decode) is called."""
+    inside: list[bool] = []
+    for part in (pipeline.vae.encoder, pipeline.vae.decoder):
+        part.register_forward_pre_hook(lambda *_: inside.append(entered["vae"] > 0))
+    entered = {"vae": 0}
+    for name in ("encode", "decode"):
+        method = getattr(pipeline.vae, name)
+
+        def hooked(*args: Any, method: Any = method, **kwargs: Any) -> Any:
+            entered["vae"] += 1
+            try:
+                return method(*args, **kwargs)
+            finally:
+                entered["vae"] -= 1
+
+        setattr(pipeline.vae, name, hooked)
+    pipeline(*frame(), preset=None, steering_strength=0.1, generator=seeded())
+    assert len(inside) == 1 + 2 * 3 + 1
+    assert all(inside)
