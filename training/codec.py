@@ -89,7 +89,7 @@ def train(nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float) 
 
     data = MixedFrames(nyuv2, rooms, rooms_share=0.5, seed=1)
     depths = held_out_frames(nyuv2, "tune")[1][::4] if nyuv2 else None
-    groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.5e-3}]
+    groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.2e-3}]
     Trainer(codec, groups, run, minutes).fit(
         batches(data, 16), loss_function, (lambda m: validate(m, depths)) if nyuv2 else None
     )

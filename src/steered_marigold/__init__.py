@@ -1,1 +1,51 @@
-"""Dense metric depth from one image plus whatever depth a sensor managed to measure."""
+"""Dense metric depth from one image plus whatever depth a sensor managed to measure.
+
+    from steered_marigold import SteeredCompleter
+
+    completer = SteeredCompleter.from_checkpoint("embedded")
+    completion = completer.complete(image, sparse_depth, valid_mask)
+    completion.depth          # [1, height, width], metres
+    completion.uncertainty    # [1, height, width], metres
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from steered_marigold.core.completion import DepthCompletion
+    from steered_marigold.core.consistency import SensorNoise
+    from steered_marigold.diffusion.checkpoints import load_pipeline
+    from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+    from steered_marigold.errors import SteeredMarigoldError
+    from steered_marigold.methods.protocol import DepthCompleter
+    from steered_marigold.methods.registry import create_method
+    from steered_marigold.methods.steered import SteeredCompleter
+
+__all__ = [
+    "DepthCompleter",
+    "DepthCompletion",
+    "SensorNoise",
+    "SteeredCompleter",
+    "SteeredMarigoldError",
+    "SteeredMarigoldPipeline",
+    "create_method",
+    "load_pipeline",
+]
+
+# imported when first used: `steered-marigold --help` needs no torch
+_HOMES = {
+    "DepthCompleter": "methods.protocol",
+    "DepthCompletion": "core.completion",
+    "SensorNoise": "core.consistency",
+    "SteeredCompleter": "methods.steered",
+    "SteeredMarigoldError": "errors",
+    "SteeredMarigoldPipeline": "diffusion.pipeline",
+    "create_method": "methods.registry",
+    "load_pipeline": "diffusion.checkpoints",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

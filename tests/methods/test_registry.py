@@ -74,3 +74,12 @@ def test_importing_the_registry_imports_no_method() -> None:
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.stdout.strip() == "[]", result.stderr
+
+
+@pytest.mark.parametrize("name", ["marigold", "steered", "steered:paper", "marigold-dc"])
+def test_a_diffusion_method_takes_settings_and_a_checkpoint(name: str, tmp_path: Path) -> None:
+    settings = "num_inference_steps, .*ensemble_size, processing_resolution$"
+    with pytest.raises(InputError, match=rf"{name} has no setting 'progress'; it has: {settings}"):
+        create_method(f"{name}@progress=1")
+    with pytest.raises(CheckpointError, match=r"model_index\.json"):
+        create_method(f"{name}@num_inference_steps=2", checkpoint=str(tmp_path))

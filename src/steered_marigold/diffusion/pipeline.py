@@ -89,7 +89,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         latents: Tensor | None = None,
         callback_on_step_end: CallbackOnStepEnd | None = None,
         callback_on_step_end_tensor_inputs: Sequence[str] = ("latents",),
-        output_type: Literal["pt", "np"] = "pt",
+        output_type: str = "pt",
         return_dict: bool = True,
     ) -> Any:
         """Completes the depth of one image or a batch of images of one size.
@@ -124,15 +124,16 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         device, members = self._execution_device, settings.ensemble_size
         steps, resolution = self._checkpoint_defaults(settings)
         images = self._check(image, steps, members, resolution, latents, generator)
+        # in float32: antialiased resizing knows no half precision on CPUs
         pixels, padding, size = self.image_processor.preprocess(
-            image, resolution, "bilinear", device, self.dtype
+            image, resolution, "bilinear", device, torch.float32
         )
         measured = None
         if sparse_depth is not None:
             measured = check_measurements(sparse_depth, valid_mask, images, tuple(size))
         codec = DepthCodec(self.vae)
         encode = codec.encode_image if self.image_encoder is None else self.image_encoder
-        image_latents = encode(pixels).repeat_interleave(members, dim=0)
+        image_latents = encode(pixels.to(self.dtype)).repeat_interleave(members, dim=0)
         noise = _per_member(generator, images, members)
         if latents is None:
             shape = (len(image_latents), codec.channels, *image_latents.shape[-2:])
@@ -274,7 +275,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         self, decoded: Tensor, padding: tuple[int, int], size: tuple[int, int]
     ) -> Tensor:
         """Decoded depth in [-1, 1] to [0, 1] at the input's size, without padding."""
-        affine = self.image_processor.unpad_image((decoded[:, None] + 1.0) / 2.0, padding)
+        affine = (decoded[:, None].float() + 1.0) / 2.0
+        affine = self.image_processor.unpad_image(affine, padding)
         resized: Tensor = self.image_processor.resize_antialias(affine, size, "bilinear", False)
         return resized[:, 0]
 

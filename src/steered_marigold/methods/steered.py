@@ -1,6 +1,6 @@
 """Steered and unsteered Marigold as completers of single frames."""
 
-from typing import Any, Self
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, UInt8
@@ -54,7 +54,7 @@ class SteeredCompleter:
         processing_resolution: int | None = None,
         sensor_noise: SensorNoise | None = None,
         progress: bool = False,
-    ) -> Self:
+    ) -> "SteeredCompleter":
         """Loads a checkpoint (see `load_pipeline`); dtype None is float32.
 
         Raises CheckpointError, or InputError for an unknown preset, device or dtype.
@@ -128,7 +128,7 @@ class MarigoldCompleter(SteeredCompleter):
         num_inference_steps: int | None = None,
         ensemble_size: int | None = None,
         processing_resolution: int | None = None,
-    ) -> Self:
+    ) -> "SteeredCompleter":
         """Loads a checkpoint; steps and resolution are its own unless given."""
         return cls(
             load_pipeline(checkpoint, device=device, dtype=_parse_dtype(dtype)),

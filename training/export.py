@@ -1,0 +1,78 @@
+"""Stage 4: the three trained parts as one checkpoint in Marigold's layout, float16 on disk."""
+
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import torch
+from diffusers import DDIMScheduler
+from torch import nn
+from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
+
+from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from training import denoiser
+from training.data import WIDTH
+
+STEPS = 10
+
+
+def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
+    """A text encoder whose every embedding is 0, as in training, and its two-word tokenizer."""
+    with tempfile.TemporaryDirectory() as folder:
+        vocabulary, merges = Path(folder) / "vocab.json", Path(folder) / "merges.txt"
+        vocabulary.write_text(json.dumps({"<|startoftext|>": 0, "<|endoftext|>": 1}))
+        merges.write_text("#version: 0.2\n")
+        tokenizer = CLIPTokenizer(str(vocabulary), str(merges), model_max_length=77)
+    config = CLIPTextConfig(
+        vocab_size=2,
+        hidden_size=channels,
+        intermediate_size=channels,
+        num_hidden_layers=1,
+        num_attention_heads=1,
+        bos_token_id=0,
+        eos_token_id=1,
+        pad_token_id=1,
+    )
+    encoder = CLIPTextModel(config)
+    for name, parameter in encoder.named_parameters():
+        if "final_layer_norm" in name:
+            nn.init.zeros_(parameter)
+    return encoder.eval(), tokenizer
+
+
+def assemble(runs: Path) -> SteeredMarigoldPipeline:
+    """The pipeline of a finished training run."""
+    encoder = denoiser.load_image_encoder(runs / "image_branch")
+    codec = denoiser.load_codec(runs / "codec")
+    scales = torch.load(runs / "denoiser" / "scales.pt", weights_only=True)
+    with torch.no_grad():
+        encoder.conv_out.weight *= scales["image"]
+        assert encoder.conv_out.bias is not None
+        encoder.conv_out.bias *= scales["image"]
+    codec.register_to_config(scaling_factor=scales["depth"])
+    unet = denoiser.average_of(
+        runs / "denoiser", denoiser.build(encoder.config.latent_channels)
+    )
+    text_encoder, tokenizer = empty_prompt(denoiser.TEXT_CHANNELS)
+    return SteeredMarigoldPipeline(
+        unet,
+        codec,
+        DDIMScheduler(**denoiser.SCHEDULER),
+        text_encoder,
+        tokenizer,
+        image_encoder=encoder,
+        prediction_type="depth",
+        default_denoising_steps=STEPS,
+        default_processing_resolution=WIDTH,
+    )
+
+
+def export(runs: Path, target: Path) -> None:
+    """Writes the checkpoint of `runs` to the folder `target`, replacing what is there."""
+    temporary = target.with_name(target.name + ".part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    assemble(runs).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
+    shutil.rmtree(target, ignore_errors=True)
+    os.replace(temporary, target)
