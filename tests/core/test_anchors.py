@@ -36,7 +36,7 @@ def test_anchors_are_known_far_and_corner_pixels_in_row_major_order() -> None:
     )
     x, y = anchors.points.unbind(1)
     positions = y * 50 + x
-    assert torch.equal(positions, positions.unique())
+    assert bool((positions.diff() > 0).all())
     assert torch.equal(anchors.known, known[y, x])
     corner = ((x == 0) | (x == 49)) & ((y == 0) | (y == 39))
     assert corner.sum() == 4

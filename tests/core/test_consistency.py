@@ -5,11 +5,12 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
 from steered_marigold.core import consistency
-from steered_marigold.core.consistency import SensorNoise, agree_with_measurements, solve_correction
+from steered_marigold.core.consistency import SensorNoise, agree_with_measurements, solve_log_depth
 
 HEIGHT, WIDTH = 40, 56
 
@@ -23,28 +24,34 @@ def smooth_depth() -> torch.Tensor:
 def direct_solution(
     prior: torch.Tensor, measured: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """The normal equations of the module's energy, assembled pixel by pixel and solved exactly."""
+    """The module's energy as printed, one equation a row, solved by least squares."""
     log_prior = prior.log().double().numpy()
+    distance = distance_transform_edt((weight == 0).numpy())
+    trust = 1 - np.exp(-distance / consistency.PRIOR_REACH)
     index = np.arange(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
-    rows, columns, values = [], [], []
+    rows: list[dict[int, float]] = []
+    right: list[float] = []
+
+    def equation(root: float, terms: dict[int, float], value: float) -> None:
+        rows.append({i: root * factor for i, factor in terms.items()})
+        right.append(root * value)
+
     for (y, x), i in np.ndenumerate(index):
-        diagonal = float(weight[y, x]) + consistency.SCREENING
-        for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-            if not (0 <= y + dy < HEIGHT and 0 <= x + dx < WIDTH):
-                continue
-            step = (log_prior[y + dy, x + dx] - log_prior[y, x]) / consistency.DEPTH_EDGE
-            w = max(1 / (1 + step**2), 1e-4) / consistency.STEP_SPREAD**2
-            rows.append(i)
-            columns.append(index[y + dy, x + dx])
-            values.append(-w)
-            diagonal += w
-        rows.append(i)
-        columns.append(i)
-        values.append(diagonal)
-    matrix = coo_array((values, (rows, columns))).tocsr()
-    residual = torch.where(weight > 0, measured.log() - prior.log(), 0.0)
-    right = (weight * residual).double().numpy().ravel()
-    return torch.from_numpy(spsolve(matrix, right).reshape(HEIGHT, WIDTH))
+        for dy, dx in ((0, 1), (1, 0)):
+            if y + dy < HEIGHT and x + dx < WIDTH:
+                step = log_prior[y + dy, x + dx] - log_prior[y, x]
+                w = max(1 / (1 + (step / consistency.DEPTH_EDGE) ** 2), 1e-4)
+                f = (trust[y, x] + trust[y + dy, x + dx]) / 2
+                j = int(index[y + dy, x + dx])
+                equation(w**0.5 / consistency.STEP_SPREAD, {j: 1.0, int(i): -1.0}, f * step)
+        if weight[y, x] > 0:
+            equation(float(weight[y, x]) ** 0.5, {int(i): 1.0}, float(measured[y, x].log()))
+        equation(consistency.SCREENING**0.5, {int(i): 1.0}, float(log_prior[y, x]))
+    entries = [(r, c, v) for r, terms in enumerate(rows) for c, v in terms.items()]
+    r, c, v = zip(*entries, strict=True)
+    matrix = coo_array((v, (r, c)), shape=(len(rows), index.size)).tocsr()
+    solution = spsolve((matrix.T @ matrix).tocsc(), matrix.T @ np.array(right))
+    return torch.from_numpy(solution.reshape(HEIGHT, WIDTH))
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5])
@@ -57,7 +64,7 @@ def test_equals_the_direct_solution(share: float) -> None:
     known[10:30, 15:45] = False
     weight = torch.where(known, 1e4, 0.0)
     expected = direct_solution(prior, truth, weight)
-    result = solve_correction(prior.log(), truth.log(), weight, None)
+    result = solve_log_depth(prior.log(), truth.log(), weight, None)
     assert (result - expected).abs().max() < 0.01
     assert (result - expected).abs().mean() < 0.001
 
@@ -107,10 +114,17 @@ def test_zero_confidence_is_ignored() -> None:
     wrong[:, :20] = 9.0
     confidence = torch.ones(HEIGHT, WIDTH)
     confidence[:, :20] = 0
-    depth = agree_with_measurements(
+    weighed = agree_with_measurements(
         smooth_depth(), wrong, trusted, noise=SensorNoise(), confidence=confidence
     )
-    assert (depth - smooth_depth()).abs().max() < 0.01
+    without = agree_with_measurements(
+        smooth_depth(),
+        smooth_depth(),
+        trusted & (confidence > 0),
+        noise=SensorNoise(),
+        confidence=torch.ones_like(confidence),
+    )
+    torch.testing.assert_close(weighed, without)
 
 
 def test_same_input_same_bits() -> None:

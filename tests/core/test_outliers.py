@@ -37,14 +37,12 @@ def test_confidence_weighs_the_robust_fit() -> None:
     left = torch.arange(WIDTH) < 60
     depth[:, left] = 5 * affine[:, left] + 0.2
     confidence = torch.where(left, 0.0, 1.0).expand(HEIGHT, WIDTH)
-    fit = fit_scale_shift_robust(
-        affine[None], depth[None], mask[None], confidence=confidence[None]
-    )
+    fit = fit_scale_shift_robust(affine[None], depth[None], mask[None], confidence=confidence[None])
     assert fit.scale.item() == pytest.approx(3, abs=0.01)
 
 
 def test_clean_measurements_are_believed_even_by_a_poor_prior() -> None:
-    affine, depth, mask = scene()
+    _, depth, mask = scene()
     ripple = 1 + 0.2 * torch.sin(torch.arange(WIDTH) / 7)
     trusted = trusted_measurements(depth * ripple, depth, mask)
     assert bool((mask | ~trusted).all())
@@ -52,7 +50,7 @@ def test_clean_measurements_are_believed_even_by_a_poor_prior() -> None:
 
 
 def test_outliers_are_dropped() -> None:
-    affine, depth, mask = scene()
+    _, depth, mask = scene()
     prior = depth * (1 + 0.1 * torch.sin(torch.arange(WIDTH) / 7))
     wrong = with_outliers(depth, mask, 0.05)
     trusted = trusted_measurements(prior, depth, mask)

@@ -57,9 +57,7 @@ def test_target_equals_the_papers_two_interpolations(pattern: str) -> None:
     )
     positions = np.zeros((HEIGHT, WIDTH), dtype=bool)
     positions[anchors.points[:, 1], anchors.points[:, 0]] = True
-    expected = paper_target(
-        predicted[0].numpy(), condition[0].numpy(), positions, known[0].numpy()
-    )
+    expected = paper_target(predicted[0].numpy(), condition[0].numpy(), positions, known[0].numpy())
     interpolant = ScatteredInterpolant(anchors.points, (HEIGHT, WIDTH))
     target = steering_target(predicted, condition, anchors, interpolant)
     np.testing.assert_allclose(target[0].numpy(), expected, atol=2e-5)
@@ -86,7 +84,8 @@ def test_condition_covers_the_range_of_the_measurements() -> None:
 
 def test_equal_measurements_make_a_zero_condition() -> None:
     _, _, known = scene("uniform")
-    assert normalise_condition(torch.full_like(known, 2, dtype=torch.float32), known).abs().max() == 0
+    condition = normalise_condition(torch.full(known.shape, 2.0), known)
+    assert condition.abs().max() == 0
 
 
 def test_alignment_with_a_falling_fit_uses_the_ratio_of_means() -> None:

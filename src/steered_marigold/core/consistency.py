@@ -1,15 +1,17 @@
 """The final solve: depth that agrees with the measurements and keeps the prior's shape.
 
-The correction r is added to log depth. It minimises
+The answer u is a log depth. It minimises, over neighbouring pixels i, j and measured pixels i,
 
-    sum_ij w_ij (r_i - r_j)^2 / step_spread^2 + sum_i (r_i - m_i)^2 / s_i^2 + screening sum_i r_i^2
+    sum w_ij (u_j - u_i - f_ij (p_j - p_i))^2 / STEP_SPREAD^2 + sum (u_i - m_i)^2 / s_i^2
+        + SCREENING sum (u_i - p_i)^2
 
-over neighbouring pixels ij and measured pixels i, where m_i = log measured - log prior and s_i is
-the sensor's relative noise. The weights w_ij are small across depth edges of the prior and edges
-of the image: a screened Poisson equation in log depth (for gradient-domain depth fusion see
-Levin et al., "Seamless image stitching in the gradient domain", ECCV 2004). It is solved coarse
-to fine (cascadic multigrid, Bornemann and Deuflhard 1996): a few preconditioned
-conjugate-gradient steps a level, each starting from the coarser level's answer.
+p is the prior's log depth, m the measured one, s the sensor's relative noise. The weights w are
+small across depth edges of the prior and edges of the image. f goes from 0 at a measurement to 1
+far from all: between near measurements a membrane is better than the prior's shape, in a hole the
+prior's shape is all there is. This is a screened Poisson equation in log depth (gradient-domain
+fusion: Perez, Gangnet and Blake, "Poisson image editing", SIGGRAPH 2003), solved coarse to fine
+(cascadic multigrid: Bornemann and Deuflhard 1996): a fixed number of preconditioned
+conjugate-gradient steps a level, each level starting from the coarser one's answer.
 """
 
 from dataclasses import dataclass
@@ -17,13 +19,16 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
+from scipy import ndimage
 from torch import Tensor
 
 # relative error that a step between neighbouring pixels of the prior is believed to have
 STEP_SPREAD = 0.02
 # log-depth difference and image difference (of 1) at which a neighbour counts half
-DEPTH_EDGE = 0.03
-IMAGE_EDGE = 0.08
+DEPTH_EDGE = 0.01
+IMAGE_EDGE = 0.015
+# distance [px] from a measurement at which the prior's steps count 1 - 1/e
+PRIOR_REACH = 5.0
 # pull towards the prior as it is, per pixel of the finest level
 SCREENING = 1e-6
 # least relative noise of a measurement: the solve stays well conditioned
@@ -96,25 +101,31 @@ class _Level:
         return _Level(data, weight, right, down)
 
 
-def solve_correction(
+def solve_log_depth(
     log_prior: Float[Tensor, "height width"],
     log_measured: Float[Tensor, "height width"],
     data_weight: Float[Tensor, "height width"],
     image: Float[Tensor, "3 height width"] | None,
 ) -> Float[Tensor, "height width"]:
-    """The correction r of log depth.
+    """The log depth u of the module's energy.
 
     data_weight: 1 / s_i^2 at measurements that count, 0 elsewhere; log_measured is read only
     where it is positive. image: RGB in [0, 1], or None to rely on the prior's edges alone.
     """
-    residual = torch.where(data_weight > 0, log_measured - log_prior, 0.0)
     prior = log_prior[None, None]
     colour = None if image is None else image[None]
-    coupling = [
-        _coupling(prior, colour, dim) / STEP_SPREAD**2 for dim in (3, 2)
-    ]
+    right, down = (_coupling(prior, colour, dim) / STEP_SPREAD**2 for dim in (3, 2))
+    # the unknown is u - p: small, and 0 where nothing is known
+    residual = torch.where(data_weight > 0, log_measured - log_prior, 0.0)
     data = (data_weight * residual)[None, None]
-    levels = [_Level(data, (data_weight + SCREENING)[None, None], *coupling)]
+    distrust = _nearness(data_weight > 0)[None, None]
+    for dim, coupling in ((3, right), (2, down)):
+        steps = coupling.shape[dim]
+        pair = (distrust.narrow(dim, 0, steps) + distrust.narrow(dim, 1, steps)) / 2
+        pull = coupling * pair * prior.diff(dim=dim)
+        data.narrow(dim, 0, steps).add_(pull)
+        data.narrow(dim, 1, steps).sub_(pull)
+    levels = [_Level(data, (data_weight + SCREENING)[None, None], right, down)]
     while min(levels[-1].data.shape[-2:]) > COARSEST:
         levels.append(levels[-1].coarser())
     r = torch.zeros_like(levels[-1].data)
@@ -122,7 +133,14 @@ def solve_correction(
         if i > 0:
             r = F.interpolate(r, size=level.data.shape[-2:], mode="bilinear")
         r = _conjugate_gradient(level, r, ITERATIONS[min(i, len(ITERATIONS) - 1)])
-    return r[0, 0]
+    return log_prior + r[0, 0]
+
+
+def _nearness(measured: Bool[Tensor, "height width"]) -> Float[Tensor, "height width"]:
+    """1 - f of each pixel: 1 at a measurement, 0 far from all."""
+    distance = ndimage.distance_transform_edt(~measured.cpu().numpy())
+    nearness: Tensor = torch.exp(torch.from_numpy(distance).float() / -PRIOR_REACH)
+    return nearness.to(measured.device)
 
 
 def _coupling(prior: Tensor, image: Tensor | None, dim: int) -> Tensor:
@@ -174,8 +192,7 @@ def agree_with_measurements(
     weight = torch.where(trusted, 1 / spread**2, 0.0)
     if confidence is not None:
         weight = weight * confidence
-    correction = solve_correction(depth.log(), measured.log(), weight, image)
-    corrected = depth * correction.exp()
+    corrected = solve_log_depth(depth.log(), measured.log(), weight, image).exp()
     if noise.exact and confidence is None:
         corrected = torch.where(trusted, sparse_depth, corrected)
     return corrected

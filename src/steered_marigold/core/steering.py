@@ -138,5 +138,6 @@ class Steering:
         if self.condition_alignment == "least_squares":
             mask = self._known.to(self.device).repeat_interleave(members, dim=0)
             condition = align_condition(condition, predicted, mask)
-        groups = zip(predicted.split(members), condition.split(members), self._anchors, strict=True)
-        return torch.cat([steering_target(p, c, *anchors) for p, c, anchors in groups])
+        maps = (torch.split(m, members) for m in (predicted, condition))
+        images = zip(*maps, self._anchors, strict=True)
+        return torch.cat([steering_target(p, c, *anchors) for p, c, anchors in images])
