@@ -14,8 +14,8 @@ class DepthCompletion:
     """Dense depth for a batch of images, at the size of the sparse depth that was given.
 
     depth: metric depth [m], z along the optical axis, finite; in [0, 1] if not `metric`.
-    uncertainty: expected absolute error [m] (one standard measure per pixel), or None where the
-        method has no estimate of it.
+    uncertainty: standard deviation of the error [m]; where a preset has no calibrated model, the
+        ensemble's median absolute deviation [m]; None where there is no estimate.
     affine_depth: affine-invariant depth in [0, 1] as the diffusion model gave it, or None for
         methods that have none.
     scale, shift: [m] and [m], metric = scale * affine_depth + shift; None without affine_depth.

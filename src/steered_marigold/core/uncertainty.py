@@ -12,18 +12,26 @@ from steered_marigold.core.consistency import SensorNoise
 
 @dataclass(frozen=True)
 class UncertaintyModel:
-    """sigma^2 = noise^2 + (depth (near + reach far))^2 + (spread members far)^2,
-    far = 1 - exp(-distance / length).
+    """sigma^2 = sensor^2 + depth^2 (near + reach D far (1 + extrapolation beyond))^2
+    + (spread members far)^2, with far = 1 - exp(-(distance / length)^1.5).
 
-    near: relative error beside a measurement. reach: what is added far from all of them, times
-    the relative disagreement of prior and measurements. length [share of the image's diagonal].
-    spread: factor on the ensemble members' median absolute deviation.
+    D is the relative disagreement (root mean square) of the prior with the trusted measurements,
+    beyond = max(0, log(depth / deepest measurement)): scale and shift are only fitted so far.
+
+    near: relative error beside a measurement. reach: factor on D far from all measurements.
+    length: where that is reached, as a share of the image's diagonal. spread: factor on the
+    ensemble members' median absolute deviation.
     """
 
     near: float
     reach: float
     length: float
+    extrapolation: float
     spread: float
+
+
+# relative disagreement assumed where a handful of measurements agrees with any fit
+LEAST_DISAGREEMENT = 0.05
 
 
 def estimate_uncertainty(
@@ -37,17 +45,18 @@ def estimate_uncertainty(
 ) -> Float[Tensor, "height width"]:
     """Standard deviation [m] of each pixel's error; at measurements that of the sensor.
 
-    prior, depth: metric depth before and after it was made to agree with the measurements.
-    spread: median absolute deviation of the members [m], or None with one member.
+    prior, depth: metric depth before and after it was made to agree with the measurements, of
+    which there is at least one. spread: median absolute deviation of the members [m], or None
+    with one member.
     """
-    distance = torch.from_numpy(ndimage.distance_transform_edt(~trusted.cpu().numpy()))
+    distance = torch.from_numpy(ndimage.distance_transform_edt(~trusted.cpu().numpy())).to(depth)
     height, width = depth.shape
-    share = distance.to(depth) / (height**2 + width**2) ** 0.5
-    far = 1 - torch.exp(-share / model.length)
-    disagreement = (sparse_depth[trusted].log() - prior[trusted].log()).square().mean().sqrt()
-    # a handful of measurements can agree with the fit by construction
-    disagreement = disagreement.clamp(min=0.05) if bool(trusted.any()) else torch.tensor(0.3)
-    relative = model.near * (distance > 0).to(depth) + model.reach * disagreement * far
+    far = 1 - torch.exp(-((distance / (height**2 + width**2) ** 0.5 / model.length) ** 1.5))
+    measured = sparse_depth[trusted]
+    disagreement = (measured.log() - prior[trusted].log()).square().mean().sqrt()
+    beyond = (depth / measured.max()).log().clamp(min=0)
+    reach = model.reach * disagreement.clamp(min=LEAST_DISAGREEMENT)
+    relative = model.near * (distance > 0) + reach * far * (1 + model.extrapolation * beyond)
     variance = (depth * relative).square() + (depth * noise.relative(depth)).square()
     if spread is not None:
         variance = variance + (model.spread * spread * far).square()

@@ -1,0 +1,57 @@
+"""The uncertainty of an answer: its laws, and its value written out by hand."""
+
+import math
+
+import pytest
+import torch
+
+from steered_marigold.core.consistency import SensorNoise
+from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty
+
+MODEL = UncertaintyModel(near=0.01, reach=0.8, length=0.05, extrapolation=2.0, spread=0.5)
+DEPTH = torch.full((30, 40), 2.0)
+
+
+def estimate(
+    trusted: torch.Tensor,
+    *,
+    prior: torch.Tensor = DEPTH * 1.1,
+    spread: torch.Tensor | None = None,
+    noise: SensorNoise | None = None,
+) -> torch.Tensor:
+    return estimate_uncertainty(MODEL, prior, DEPTH, DEPTH, trusted, spread, noise or SensorNoise())
+
+
+@pytest.fixture
+def trusted() -> torch.Tensor:
+    mask = torch.zeros(30, 40, dtype=torch.bool)
+    mask[15, 10] = True
+    return mask
+
+
+def test_the_formula(trusted: torch.Tensor) -> None:
+    distance = math.hypot(5, 12)
+    far = 1 - math.exp(-((distance / 50 / 0.05) ** 1.5))
+    relative = 0.01 + 0.8 * math.log(1.1) * far
+    expected = math.hypot(2 * relative, 0.3 * 0.5 * far)
+    result = estimate(trusted, spread=torch.full_like(DEPTH, 0.3))
+    assert result[20, 22].item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_at_a_measurement_it_is_the_sensors(trusted: torch.Tensor) -> None:
+    assert estimate(trusted)[15, 10] == 0
+    noisy = estimate(trusted, noise=SensorNoise(metres=0.01, fraction=0.02))
+    assert noisy[15, 10].item() == pytest.approx(0.05)
+
+
+def test_it_grows_with_distance_and_disagreement(trusted: torch.Tensor) -> None:
+    near_prior, far_prior = estimate(trusted), estimate(trusted, prior=DEPTH * 1.5)
+    assert bool((near_prior[15, 10:].diff() > 0).all())
+    assert bool((far_prior[15, 11:] > near_prior[15, 11:]).all())
+
+
+def test_beyond_the_deepest_measurement_it_grows_faster(trusted: torch.Tensor) -> None:
+    deep = DEPTH.clone()
+    deep[:, 30:] = 6.0
+    result = estimate_uncertainty(MODEL, deep * 1.1, deep, deep, trusted, None, SensorNoise())
+    assert result[15, 35] / 6 > 1.5 * result[15, 29] / 2
