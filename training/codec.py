@@ -1,5 +1,6 @@
 """Stage 2: the codec, an AutoencoderKL in Stable Diffusion's layout at small width."""
 
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -88,8 +89,8 @@ def train(nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float) 
         return {"loss": loss} | terms
 
     data = MixedFrames(nyuv2, rooms, rooms_share=0.5, seed=1)
-    depths = held_out_frames(nyuv2, "tune")[1][::4] if nyuv2 else None
+    validation = None
+    if nyuv2:
+        validation = partial(validate, depths=held_out_frames(nyuv2, "tune")[1][::4])
     groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.2e-3}]
-    Trainer(codec, groups, run, minutes).fit(
-        batches(data, 16), loss_function, (lambda m: validate(m, depths)) if nyuv2 else None
-    )
+    Trainer(codec, groups, run, minutes).fit(batches(data, 16), loss_function, validation)

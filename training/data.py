@@ -8,6 +8,7 @@ its 2 % and 98 % percentiles map to -1 and 1 and the rest is clipped, as in Mari
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -52,14 +53,22 @@ def read_nyu_frame(folder: Path, index: int) -> Frame:
     depth = cv2.imread(str(folder / "depth" / f"{index:04d}.png"), cv2.IMREAD_UNCHANGED)
     if image is None or depth is None:
         raise FileNotFoundError(f"frame {index:04d} in {folder}")
-    return Frame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), depth)
+    image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return Frame(np.asarray(image, np.uint8), np.asarray(depth, np.uint16))
 
 
-def normalise(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def normalise(depth: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
     """Affine-invariant depth in [-1, 1] of a depth map without holes."""
     low, high = np.percentile(depth, (2, 98))
     scaled = 2 * (depth - low) / max(high - low, 1e-3) - 1
-    return np.clip(scaled, -1, 1).astype(np.float32)
+    return np.asarray(np.clip(scaled, -1, 1), np.float32)
+
+
+def resized(frame: Frame) -> Frame:
+    """The frame at the training size; no depth is mixed from two."""
+    image = cv2.resize(frame.image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    depth = cv2.resize(frame.depth, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    return Frame(np.asarray(image, np.uint8), np.asarray(depth, np.uint16))
 
 
 def augment(frame: Frame, border: int, rng: np.random.Generator) -> Frame:
@@ -70,10 +79,9 @@ def augment(frame: Frame, border: int, rng: np.random.Generator) -> Frame:
     crop_h = int((height - 2 * border) * zoom * rng.uniform(0.9, 1.0))
     x = int(rng.integers(border, width - border - crop_w + 1))
     y = int(rng.integers(border, height - border - crop_h + 1))
-    image = frame.image[y : y + crop_h, x : x + crop_w]
-    depth = frame.depth[y : y + crop_h, x : x + crop_w]
-    image = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    depth = cv2.resize(depth, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    window = slice(y, y + crop_h), slice(x, x + crop_w)
+    crop = resized(Frame(frame.image[window], frame.depth[window]))
+    image, depth = crop.image, crop.depth
     if rng.random() < 0.5:
         image, depth = image[:, ::-1], depth[:, ::-1]
     return Frame(_recolour(image, rng), np.ascontiguousarray(depth))
@@ -90,7 +98,7 @@ def _recolour(image: Image, rng: np.random.Generator) -> Image:
         x = (x - 0.5) * rng.uniform(0.75, 1.25) + 0.5
         x = np.clip(x, 0, 1) ** rng.uniform(0.75, 1.35)
     if rng.random() < 0.2:
-        x = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.4, 1.2))
+        x = np.asarray(cv2.GaussianBlur(x, (0, 0), rng.uniform(0.4, 1.2)), x.dtype)
     if rng.random() < 0.3:
         x = x + rng.normal(0, rng.uniform(0.005, 0.04), x.shape).astype(np.float32)
     return (np.clip(x, 0, 1) * 255).astype(np.uint8)

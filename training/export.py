@@ -1,7 +1,6 @@
 """Stage 4: the three trained parts as one checkpoint in Marigold's layout, float16 on disk."""
 
 import json
-import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -52,9 +51,7 @@ def assemble(runs: Path) -> SteeredMarigoldPipeline:
         assert encoder.conv_out.bias is not None
         encoder.conv_out.bias *= scales["image"]
     codec.register_to_config(scaling_factor=scales["depth"])
-    unet = denoiser.average_of(
-        runs / "denoiser", denoiser.build(encoder.config.latent_channels)
-    )
+    unet = denoiser.average_of(runs / "denoiser", denoiser.build(encoder.config.latent_channels))
     text_encoder, tokenizer = empty_prompt(denoiser.TEXT_CHANNELS)
     return SteeredMarigoldPipeline(
         unet,
@@ -75,4 +72,4 @@ def export(runs: Path, target: Path) -> None:
     shutil.rmtree(temporary, ignore_errors=True)
     assemble(runs).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
     shutil.rmtree(target, ignore_errors=True)
-    os.replace(temporary, target)
+    temporary.replace(target)

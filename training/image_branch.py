@@ -7,8 +7,15 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from steered_marigold.diffusion.image_encoder import ImageEncoder, load_pretrained_backbone
-from training.data import HEIGHT, WIDTH, MixedFrames, batches, image_to_model, read_nyu_frame
-from training.data import read_split
+from training.data import (
+    Frame,
+    MixedFrames,
+    batches,
+    image_to_model,
+    read_nyu_frame,
+    read_split,
+    resized,
+)
 from training.trainer import Batch, Trainer
 
 FROZEN_STAGES = 2
@@ -84,17 +91,12 @@ def regression_loss(prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
 
 def held_out_frames(folder: Path, split: str) -> tuple[Tensor, Tensor]:
     """The 608x448 crops of a split: images uint8 [n, 3, 240, 320] and depth [n, 1, 240, 320] m."""
-    import cv2
-
-    images, depths = [], []
-    for index in read_split(split):
-        frame = read_nyu_frame(folder, index)
-        image, depth = frame.image[16:464, 16:624], frame.depth[16:464, 16:624]
-        images.append(cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA))
-        depths.append(cv2.resize(depth, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST))
-    image = torch.stack([torch.from_numpy(i.transpose(2, 0, 1).copy()) for i in images])
-    depth = torch.stack([torch.from_numpy(d.astype("float32") / 1000)[None] for d in depths])
-    return image, depth
+    window = slice(16, 464), slice(16, 624)
+    whole = [read_nyu_frame(folder, index) for index in read_split(split)]
+    frames = [resized(Frame(frame.image[window], frame.depth[window])) for frame in whole]
+    images = [torch.from_numpy(frame.image.transpose(2, 0, 1).copy()) for frame in frames]
+    depths = [torch.from_numpy(frame.depth.astype("float32") / 1000)[None] for frame in frames]
+    return torch.stack(images), torch.stack(depths)
 
 
 def affine_errors(prediction: Tensor, depth: Tensor) -> dict[str, float]:

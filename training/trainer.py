@@ -2,7 +2,6 @@
 
 import csv
 import math
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -44,7 +43,7 @@ class Trainer:
             self.average.n_averaged += 1
 
     @torch.no_grad()
-    def _average(self, average: Any, current: Any, updates: Tensor) -> None:
+    def _average(self, average: Any, current: Any, updates: Tensor | int) -> None:
         """Exponential average whose memory grows with the run: the start is soon forgotten."""
         decay = min(self.ema_decay, (1 + int(updates)) / (10 + int(updates)))
         torch._foreach_lerp_(average, current, 1 - decay)
@@ -70,7 +69,7 @@ class Trainer:
             batch = next(data)
             terms = loss_function(batch)
             optimiser.zero_grad(set_to_none=True)
-            terms["loss"].backward()
+            torch.autograd.backward(terms["loss"])
             nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
             optimiser.step()
             self.average.update_parameters(self.model)
@@ -96,7 +95,7 @@ class Trainer:
             {"model": self.model.state_dict(), "average": self.average.module.state_dict()},
             temporary,
         )
-        os.replace(temporary, self.run / "last.pt")
+        temporary.replace(self.run / "last.pt")
         row = {"step": step, "samples": seen, "minutes": minutes} | means
         if validate is not None:
             row |= validate(self.average.module)

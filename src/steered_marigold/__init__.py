@@ -6,6 +6,8 @@
     completion = completer.complete(image, sparse_depth, valid_mask)
     completion.depth          # [1, height, width], metres
     completion.uncertainty    # [1, height, width], metres
+
+The same on the command line: `steered-marigold complete`.
 """
 
 from importlib import import_module

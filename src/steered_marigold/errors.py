@@ -1,14 +1,15 @@
 """Every error this package raises on purpose.
 
 SteeredMarigoldError
-├── InputError (ValueError)           the caller's data or arguments; exit code 2 on the command line
-│   ├── FileFormatError               a file that is missing, damaged, or of a kind that cannot hold what it must
-│   ├── SizeMismatchError             arrays that must share a size and do not
-│   └── NoMeasurementsError           a metric answer was asked for, and nothing was measured
-├── CheckpointError (ValueError)      weights that are missing, incomplete or unsafe to load
-└── MissingExtraError (ImportError)   an optional dependency is not installed
+├── InputError (ValueError)          the caller's data or arguments
+│   ├── FileFormatError              a file that is missing, damaged, or of the wrong kind
+│   ├── SizeMismatchError            arrays that must share a size and do not
+│   └── NoMeasurementsError          a metric answer was asked for, and nothing was measured
+├── CheckpointError (ValueError)     weights that are missing, incomplete or unsafe to load
+└── MissingExtraError (ImportError)  an optional dependency is not installed
 
-Each message names the file or argument, says what was wrong and what to do.
+Each message names the file or argument, says what was wrong and what to do. The command line
+exits with 2 on InputError and CheckpointError, with 1 on the others.
 """
 
 

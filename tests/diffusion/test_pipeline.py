@@ -322,9 +322,9 @@ def test_offload_order_names_every_model(pipeline_with_encoder: SteeredMarigoldP
 def test_only_hooked_entry_points_are_called(pipeline: SteeredMarigoldPipeline) -> None:
     """Offloading moves a model when its forward (or the VAE's encode or decode) is called."""
     inside: list[bool] = []
+    entered = {"vae": 0}
     for part in (pipeline.vae.encoder, pipeline.vae.decoder):
         part.register_forward_pre_hook(lambda *_: inside.append(entered["vae"] > 0))
-    entered = {"vae": 0}
     for name in ("encode", "decode"):
         method = getattr(pipeline.vae, name)
 

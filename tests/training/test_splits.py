@@ -1,5 +1,6 @@
 """The held-out frames stay held out."""
 
+from itertools import pairwise
 from pathlib import Path
 
 from training.data import GAP, read_split, training_indices
@@ -15,7 +16,7 @@ def test_splits_are_contiguous_blocks(nyuv2_train: Path) -> None:
     frames = sorted(int(path.stem) for path in (nyuv2_train / "depth").glob("*.png"))
     for split in (read_split("tune"), read_split("report")):
         position = [frames.index(i) for i in split]
-        blocks = 1 + sum(b != a + 1 for a, b in zip(position, position[1:], strict=False))
+        blocks = 1 + sum(b != a + 1 for a, b in pairwise(position))
         assert blocks == 6
 
 

@@ -36,7 +36,7 @@ def load_pipeline(
     folder = _folder(checkpoint)
     _check_folder(folder, checkpoint)
     try:
-        pipeline = SteeredMarigoldPipeline.from_pretrained(
+        pipeline: SteeredMarigoldPipeline = SteeredMarigoldPipeline.from_pretrained(
             folder, dtype=dtype, use_safetensors=True, local_files_only=True
         )
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:

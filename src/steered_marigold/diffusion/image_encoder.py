@@ -79,7 +79,7 @@ class InvertedBottleneck(nn.Module):
         self.residual = stride == 1 and in_channels == out_channels
 
     def forward(self, x: Tensor) -> Tensor:
-        y = x if isinstance(self.expand, nn.Identity) else F.relu6(self.expand(x))
+        y: Tensor = x if isinstance(self.expand, nn.Identity) else F.relu6(self.expand(x))
         y = self.project(F.relu6(self.depthwise(y)))
         return x + y if self.residual else y
 
@@ -99,7 +99,8 @@ class ResidualBlock(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        return x + self.layers(x)
+        change: Tensor = self.layers(x)
+        return x + change
 
 
 class ImageEncoder(ModelMixin, ConfigMixin):  # type: ignore[misc]
@@ -154,7 +155,7 @@ class ImageEncoder(ModelMixin, ConfigMixin):  # type: ignore[misc]
             if i in PYRAMID_STAGES:
                 levels.append(x)
         fine, *coarse = levels
-        y = self.context(coarse[-1].mean(dim=(2, 3)))[:, :, None, None]
+        y: Tensor = self.context(coarse[-1].mean(dim=(2, 3)))[:, :, None, None]
         for lateral, block, level in reversed(
             list(zip(self.laterals, self.blocks, coarse, strict=True))
         ):
@@ -172,7 +173,7 @@ def load_pretrained_backbone(encoder: ImageEncoder, state: dict[str, Tensor]) ->
     """Fill stem and stages from a state dict in EfficientNet-PyTorch's names, BatchNorm folded."""
     folded = _FoldedState(state)
     folded.copy("_conv_stem", "_bn0", encoder.stem)
-    blocks = [block for stage in encoder.stages for block in stage]
+    blocks = [m for m in encoder.stages.modules() if isinstance(m, InvertedBottleneck)]
     for i, block in enumerate(blocks):
         prefix = f"_blocks.{i}."
         if not isinstance(block.expand, nn.Identity):

@@ -146,7 +146,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             steering = _steering(settings, on_grid, _fork(generator, images), device)
         with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, steps) as end:
             latents = denoise(
-                self._predictor(image_latents, settings.prompt_tokens),
+                self.predictor(image_latents, settings.prompt_tokens),
                 self._scheduler(settings, steps),
                 codec,
                 latents.to(device, self.dtype),
@@ -155,11 +155,11 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 generator=noise,
                 step_end=end,
             )
-        affine = self._affine_depth(codec.decode(latents), padding, tuple(size)).split(members)
+        affine = self.affine_depth(codec.decode(latents), padding, tuple(size))
         if measured is None:
-            answers = [without_measurements(group) for group in affine]
+            answers = [without_measurements(group) for group in torch.split(affine, members)]
         else:
-            maps = (None if confidence is None else stack_maps(confidence).float().to(device))
+            maps = None if confidence is None else stack_maps(confidence).float().to(device)
             colour = self._colour(image) if settings.finishing.consistent else None
             answers = [
                 finish(
@@ -171,7 +171,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                     confidence=None if maps is None else maps[i],
                     image=None if colour is None else colour[i],
                 )
-                for i, group in enumerate(affine)
+                for i, group in enumerate(torch.split(affine, members))
             ]
         self.maybe_free_model_hooks()
         return _output(join_completions(answers), output_type, return_dict)
@@ -220,10 +220,14 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         scheduler.set_timesteps(steps, device=self._execution_device)
         return scheduler
 
-    def _predictor(
-        self, image_latents: Tensor, prompt_tokens: int | None
+    def predictor(
+        self, image_latents: Tensor, prompt_tokens: int | None = None
     ) -> Callable[[Tensor, Tensor], Tensor]:
-        """The U-Net with all but its latents and timestep filled in."""
+        """The U-Net as a function of (latents [batch, 4, h, w], timestep), the empty prompt given.
+
+        image_latents: [batch, channels, h, w]. prompt_tokens: the prompt's padded length; None
+        does not pad it.
+        """
         text = self._empty_prompt(prompt_tokens).expand(len(image_latents), -1, -1)
 
         def predict(latents: Tensor, t: Tensor) -> Tensor:
@@ -271,10 +275,14 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
 
             yield step_end
 
-    def _affine_depth(
+    def affine_depth(
         self, decoded: Tensor, padding: tuple[int, int], size: tuple[int, int]
     ) -> Tensor:
-        """Decoded depth in [-1, 1] to [0, 1] at the input's size, without padding."""
+        """Decoded depth [batch, h, w] in [-1, 1] to [0, 1] at the input's size, without padding.
+
+        padding: (rows, columns) [px] that `image_processor.preprocess` added. size: (height,
+        width) of the answer.
+        """
         affine = (decoded[:, None].float() + 1.0) / 2.0
         affine = self.image_processor.unpad_image(affine, padding)
         resized: Tensor = self.image_processor.resize_antialias(affine, size, "bilinear", False)

@@ -108,7 +108,7 @@ class MarigoldDCCompleter:
         )
         encode = codec.encode_image if pipe.image_encoder is None else pipe.image_encoder
         image_latents = encode(pixels)
-        u_net = pipe._predictor(image_latents, None)
+        u_net = pipe.predictor(image_latents)
         self._scheduler.set_timesteps(self._num_inference_steps, device=device)
 
         def predict(latents: Tensor, t: Tensor) -> Tensor:
@@ -117,7 +117,7 @@ class MarigoldDCCompleter:
 
         def decode(latents: Tensor) -> Tensor:
             decoded = codec.decode(latents.to(dtype)).float()
-            affine: Tensor = pipe._affine_depth(decoded, padding, tuple(size))
+            affine: Tensor = pipe.affine_depth(decoded, padding, tuple(size))
             return affine[0]
 
         # noise in the models' precision, so that a seed gives what it gives to Marigold
