@@ -23,7 +23,7 @@ Function = Callable[..., Tensor]
 def pipeline() -> Any:
     """The pipeline around models of the real classes, tiny and random."""
     torch.manual_seed(0)
-    unet = UNet2DConditionModel(  # type: ignore[no-untyped-call]
+    unet = UNet2DConditionModel(
         in_channels=8,
         out_channels=4,
         block_out_channels=(8, 16),
@@ -34,7 +34,7 @@ def pipeline() -> Any:
         down_block_types=("CrossAttnDownBlock2D", "DownBlock2D"),
         up_block_types=("UpBlock2D", "CrossAttnUpBlock2D"),
     )
-    vae = AutoencoderKL(  # type: ignore[no-untyped-call]
+    vae = AutoencoderKL(
         block_out_channels=(8, 8, 8, 8),
         down_block_types=("DownEncoderBlock2D",) * 4,
         up_block_types=("UpDecoderBlock2D",) * 4,
@@ -52,7 +52,8 @@ def pipeline() -> Any:
             eos_token_id=1,
         )
     )
-    tokenizer = CLIPTokenizer(vocab={"<|startoftext|>": 0, "<|endoftext|>": 1}, merges=[])
+    vocabulary = {"<|startoftext|>": 0, "<|endoftext|>": 1}
+    tokenizer = CLIPTokenizer(vocab=vocabulary, merges=[], model_max_length=77)
     pipe: Any = SteeredMarigoldPipeline(
         unet=unet,
         vae=vae,
@@ -83,7 +84,7 @@ def models(pipeline: Any) -> tuple[Function, Function]:
 
 
 def schedule(steps: int) -> Any:
-    scheduler: Any = DDIMScheduler(  # type: ignore[no-untyped-call]
+    scheduler: Any = DDIMScheduler(
         beta_start=0.00085,
         beta_end=0.012,
         beta_schedule="scaled_linear",
