@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests training benchmarks examples
 
-.PHONY: demo test check format bench
+.PHONY: demo test check format
 
 # one environment, one stamp per set of requirements
 $(VENV)/.user: pyproject.toml constraints.txt
@@ -31,6 +31,3 @@ check: $(VENV)/.dev
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
-
-bench: $(VENV)/.dev
-	$(BIN)/python -m benchmarks.run

@@ -17,7 +17,7 @@ CHECKPOINT = Path(__file__).parents[1] / "src" / "steered_marigold" / "assets" /
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Runs = Annotated[Path, typer.Option(help="Folder of logs and weights; a stage resumes from it.")]
 Rooms = Annotated[Path | None, typer.Option(help="Folder of procedural shards.")]
-Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder; leave out for --procedural-only.")]
+Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder; without it rooms alone.")]
 Minutes = Annotated[float, typer.Option(help="How long to train.")]
 
 

@@ -47,10 +47,14 @@ def codec_batch(batch: Batch, generator: torch.Generator) -> Tensor:
     return torch.cat((image[:COLOUR], depth[COLOUR:].expand(-1, 3, -1, -1)))
 
 
-def reconstruction(codec: nn.Module, image: Tensor, noise: float = 0.0) -> tuple[Tensor, Tensor]:
-    """(decoded, latents) of images in [-1, 1]."""
+def reconstruction(
+    codec: nn.Module, image: Tensor, generator: torch.Generator | None = None
+) -> tuple[Tensor, Tensor]:
+    """(decoded, latents) of images in [-1, 1]; with a generator, noise comes in between."""
     latents = codec.encode(image).latent_dist.mode()  # type: ignore[operator]
-    noisy = latents + noise * torch.randn_like(latents)
+    noisy = latents
+    if generator is not None:
+        noisy = latents + LATENT_NOISE * torch.randn(latents.shape, generator=generator)
     return codec.decode(noisy).sample, latents  # type: ignore[operator]
 
 
@@ -77,7 +81,7 @@ def train(nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float) 
     def loss_function(batch: Batch) -> dict[str, Tensor]:
         image = codec_batch(batch, generator).to(memory_format=torch.channels_last)
         with torch.autocast("cpu", torch.bfloat16):
-            decoded, latents = reconstruction(codec, image, LATENT_NOISE)
+            decoded, latents = reconstruction(codec, image, generator)
         error = decoded.float() - image
         terms = {
             "depth": error[COLOUR:].abs().mean(),

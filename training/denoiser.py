@@ -117,9 +117,9 @@ def draw_timesteps(count: int, generator: torch.Generator) -> Tensor:
 
 
 def train(
-    nyuv2: Path | None, rooms: Path | None, runs: Path, *, minutes: float, pool: int = 4096
+    nyuv2: Path | None, rooms: Path | None, runs: Path, *, minutes: float, pool: int = 3072
 ) -> None:
-    """Trains the U-Net on `runs/image_branch` and `runs/codec`; `runs/denoiser/last.pt` holds it."""
+    """Trains the U-Net on stages 1 and 2 in `runs`; `runs/denoiser/last.pt` holds it."""
     encoder = load_image_encoder(runs / "image_branch").to(memory_format=torch.channels_last)
     codec = load_codec(runs / "codec").to(memory_format=torch.channels_last)
     data = MixedFrames(nyuv2, rooms, rooms_share=0.4, seed=2)

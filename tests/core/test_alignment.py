@@ -22,7 +22,7 @@ def random_maps(seed: int, batch: int = 2) -> tuple[torch.Tensor, torch.Tensor, 
 
 
 @given(seed=st.integers(0, 1000), scale=finite, shift=finite)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_recovers_any_scale_and_shift(seed: int, scale: float, shift: float) -> None:
     source, _, mask = random_maps(seed)
     target = source.double() * scale + shift
@@ -33,7 +33,7 @@ def test_recovers_any_scale_and_shift(seed: int, scale: float, shift: float) -> 
 
 
 @given(seed=st.integers(0, 1000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_equals_numpy_least_squares_with_weights(seed: int) -> None:
     source, target, mask = random_maps(seed)
     weights = torch.rand(source.shape, generator=torch.Generator().manual_seed(seed)) + 0.1

@@ -70,7 +70,7 @@ def test_equals_the_direct_solution(share: float) -> None:
 
 
 @given(seed=st.integers(0, 1000), share=st.floats(0.001, 1.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_exact_measurements_are_met_and_depth_stays_positive(seed: int, share: float) -> None:
     generator = torch.Generator().manual_seed(seed)
     prior = smooth_depth() * (1 + 0.2 * torch.rand(HEIGHT, WIDTH, generator=generator))

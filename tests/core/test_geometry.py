@@ -1,6 +1,6 @@
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steered_marigold.core.geometry import (
@@ -24,7 +24,6 @@ def pixel_grid(height: int, width: int) -> torch.Tensor:
     return torch.stack((u, v), dim=-1)
 
 
-@settings(deadline=None)
 @given(
     fx=st.floats(50, 2000),
     fy=st.floats(50, 2000),
@@ -71,7 +70,6 @@ def test_resize_agrees_with_torch_interpolation() -> None:
     torch.testing.assert_close(project(points, K)[..., 0], halved)
 
 
-@settings(deadline=None)
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 40), st.integers(1, 40))
 def test_resize_and_back_is_identity(height: int, width: int, rows: int, columns: int) -> None:
     there = resize_intrinsics(K, size=(height, width), new_size=(rows, columns))
@@ -79,7 +77,6 @@ def test_resize_and_back_is_identity(height: int, width: int, rows: int, columns
     torch.testing.assert_close(back, K)
 
 
-@settings(deadline=None)
 @given(st.integers(1, 30), st.integers(1, 30), st.data())
 def test_center_crop_is_centred(height: int, width: int, data: st.DataObject) -> None:
     crop = data.draw(st.integers(1, height)), data.draw(st.integers(1, width))

@@ -20,7 +20,7 @@ def random_points(seed: int, share: float = 0.05, *, corners: bool = True) -> to
 
 
 @given(seed=st.integers(0, 10_000), share=st.floats(0.0, 0.5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_equals_griddata(seed: int, share: float) -> None:
     points = random_points(seed, share)
     values = torch.rand(len(points), generator=torch.Generator().manual_seed(seed))
@@ -31,7 +31,7 @@ def test_equals_griddata(seed: int, share: float) -> None:
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_hits_its_points_and_is_linear(seed: int) -> None:
     points = random_points(seed, corners=False)
     interpolant = ScatteredInterpolant(points, SHAPE)

@@ -5,7 +5,7 @@ from random import Random
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 from sklearn.metrics import (
@@ -38,7 +38,6 @@ def images(seed: int, count: int = 1, *, negative: bool = False) -> Images:
     return prediction, truth, mask
 
 
-@settings(deadline=None)
 @given(seeds)
 def test_agrees_with_scikit_learn_and_numpy(seed: int) -> None:
     prediction, truth, mask = (x[0] for x in images(seed))
@@ -56,7 +55,6 @@ def test_agrees_with_scikit_learn_and_numpy(seed: int) -> None:
         assert delta == pytest.approx(inliers / len(d), abs=1e-12)
 
 
-@settings(deadline=None)
 @given(seeds)
 def test_laws(seed: int) -> None:
     prediction, truth, mask = (x[0] for x in images(seed, negative=True))
@@ -80,7 +78,6 @@ def test_a_negative_prediction_is_an_outlier_except_officially() -> None:
     assert ours.rmse_m == official.rmse_m
 
 
-@settings(deadline=None)
 @given(seeds, st.integers(2, 9), st.randoms())
 def test_merged_shards_equal_the_whole_exactly(seed: int, count: int, random: Random) -> None:
     batch = images(seed, count, negative=True)
@@ -111,7 +108,6 @@ def test_exact_mean_keeps_what_a_plain_sum_loses() -> None:
     assert exact_mean(values) == 1 / 3
 
 
-@settings(deadline=None)
 @given(seeds)
 def test_uncertainty_against_plain_definitions(seed: int) -> None:
     prediction, truth, mask = (x[0] for x in images(seed))
@@ -135,7 +131,6 @@ def test_ause_by_hand() -> None:
     assert errors.spearman == pytest.approx(-1)
 
 
-@settings(deadline=None)
 @given(seeds)
 def test_the_error_itself_is_the_perfect_uncertainty(seed: int) -> None:
     prediction, truth, mask = (x[0] for x in images(seed))

@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steered_marigold.core.sparsity import (
@@ -65,7 +65,6 @@ def test_what_is_kept_keeps_its_value(name: str) -> None:
     assert 0 < int(after.valid_mask.sum()) < int(before.valid_mask.sum())
 
 
-@settings(deadline=None)
 @given(st.integers(0, 6000), st.integers(0, 2**31))
 def test_uniform_draws_the_count_or_all(count: int, seed: int) -> None:
     before = dense()
@@ -100,7 +99,6 @@ def test_range() -> None:
     assert torch.equal(after.valid_mask, before.valid_mask & (before.sparse_depth <= 3))
 
 
-@settings(deadline=None)
 @given(st.integers(1, 60), st.integers(0, 2**31))
 def test_scan_lines_are_whole_and_evenly_spaced(lines: int, seed: int) -> None:
     after = scan_lines(dense(share=1.1), lines, generator=rng(seed))

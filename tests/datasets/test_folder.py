@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -121,7 +121,6 @@ class Numbers:
         raise AssertionError
 
 
-@settings(deadline=None)
 @given(st.integers(1, 300), st.integers(1, 300))
 def test_limit_is_evenly_spaced(count: int, limit: int) -> None:
     chosen = [int(frame) for frame in select_frames(Numbers(count), limit=limit)]

@@ -13,7 +13,7 @@ from steered_marigold.diffusion.measurements import move_to_grid
     width=st.integers(3, 20),
     pad=st.integers(0, 5),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_every_cell_holds_its_nearest_measurement(
     seed: int, height: int, width: int, pad: int
 ) -> None:

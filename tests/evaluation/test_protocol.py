@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steered_marigold.core.geometry import project, unproject
@@ -164,7 +164,6 @@ def test_noise_and_outliers_leave_the_positions() -> None:
     assert int(changed.sum()) == round(0.1 * 13619)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**40), st.text(max_size=8), st.sampled_from(["samples", "method"]))
 def test_generators_repeat(seed: int, frame_id: str, purpose: str) -> None:
     draw, again = (

@@ -9,7 +9,7 @@ from steered_marigold.evaluation.statistics import bootstrap_interval, paired_co
 values = st.lists(st.floats(-100, 100), min_size=1, max_size=30)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(values, st.floats(-10, 10))
 def test_interval_moves_with_the_values(x: list[float], shift: float) -> None:
     low, high = bootstrap_interval(x)
@@ -36,7 +36,7 @@ def test_interval_covers_the_true_mean_95_times_in_100() -> None:
     assert 0.89 <= hits / 200 <= 0.985
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(values, st.integers(0, 99))
 def test_comparison_is_antisymmetric(x: list[float], seed: int) -> None:
     first = {str(frame): value for frame, value in enumerate(x)}

@@ -61,7 +61,7 @@ def test_png_keeps_half_a_unit(tmp_path: Path, scale: float) -> None:
     assert float((back.depth - depth).abs().max()) <= scale / 2 + 1e-6
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(codes=arrays(np.uint16, (3, 4), elements=st.integers(0, 65534)))
 def test_png_codes_survive_reading_and_writing(
     tmp_path_factory: pytest.TempPathFactory, codes: NDArray[Any]

@@ -39,7 +39,7 @@ def test_satisfies_the_protocol(method: ClassicalCompleter) -> None:
 
 
 @each_method
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     mask=arrays.arrays(np.bool_, SHAPE, fill=st.just(False)).filter(np.any), seed=st.integers(0, 9)
 )

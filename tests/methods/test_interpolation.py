@@ -50,14 +50,14 @@ def is_nearest(
     return ((depth[mask] == filled.reshape(-1, 1)) & nearest).any(1).view(mask.shape)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 999), fraction=st.sampled_from([0.01, 0.2, 0.9]))
 def test_nearest_takes_a_measurement_at_the_least_distance(seed: int, fraction: float) -> None:
     depth, mask = sample(seed, fraction)
     assert is_nearest(complete(NearestCompleter(), depth, mask), depth, mask).all()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 999), fraction=st.sampled_from([0.05, 0.5, 0.95]))
 def test_linear_reproduces_a_plane_within_the_hull_and_all_measurements(
     seed: int, fraction: float

@@ -75,7 +75,7 @@ def test_nearer_objects_grow_into_farther_ones() -> None:
     assert filled[20, 25] < 4.5
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 99), max_depth=st.floats(9.01, 1000))
 def test_max_depth_beyond_all_measurements_changes_nothing(seed: int, max_depth: float) -> None:
     depth, mask = sample(seed, fraction=0.05)

@@ -117,7 +117,7 @@ def depth_in_a_box(camera: Camera, size: np.ndarray, width: int, height: int) ->
     return depth
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(yaw=ANGLES, pitch=st.floats(-0.7, 0.7), roll=st.floats(-0.5, 0.5), angle=st.floats(0.8, 1.6))
 def test_distances_along_camera_rays_are_z_depth(
     yaw: float, pitch: float, roll: float, angle: float

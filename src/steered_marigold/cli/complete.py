@@ -147,7 +147,7 @@ def complete(
         str | None, _method(help="cpu, cuda, mps.", show_default="the best there is")
     ] = None,
     dtype: Annotated[
-        Dtype | None, _method(help="What the model computes in.", show_default=_PRESETS)
+        Dtype | None, _method(help="What the model computes in.", show_default="float32")
     ] = None,
 ) -> None:
     """Complete the depth of a frame, or of two folders of frames.

@@ -12,7 +12,6 @@ from steered_marigold.core.geometry import center_crop
 from steered_marigold.errors import InputError
 from steered_marigold.evaluation.pictures import (
     Answers,
-    colour_range,
     complete_examples,
     panels,
     show,
@@ -25,6 +24,7 @@ from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
 from steered_marigold.io.files import atomic_write
+from steered_marigold.io.visualization import robust_range
 
 PAPER_KINDS = {"all samples": "paper-uniform", "centre erased": "paper-erased"}
 
@@ -75,7 +75,7 @@ def draw_figures(
 
 def completion_figure(frame: PreparedFrame, answers: Answers) -> Figure:
     """Image, input, and the completion of the reference method."""
-    scale = colour_range(truth_picture(frame))
+    scale = robust_range(truth_picture(frame))
     label = reference_method(answers)
     figure, axes = panels(1, 3, frame.depth.shape)
     show(axes[0, 0], frame.image.numpy(), "image")
@@ -88,7 +88,7 @@ def completion_figure(frame: PreparedFrame, answers: Answers) -> Figure:
 def comparison_figure(shown: dict[str, tuple[PreparedFrame, Answers]]) -> Figure:
     """Input and every method's answer, a row for each way of measuring the same frame."""
     first, _ = next(iter(shown.values()))
-    scale = colour_range(truth_picture(first))
+    scale = robust_range(truth_picture(first))
     labels = list(dict.fromkeys(label for _, answers in shown.values() for label in answers))
     figure, axes = panels(len(shown), 1 + len(labels), first.depth.shape)
     for row, (title, (frame, answers)) in zip(axes, shown.items(), strict=True):

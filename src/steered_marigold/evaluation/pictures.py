@@ -13,11 +13,11 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
 from steered_marigold.evaluation.protocol import PreparedFrame
 from steered_marigold.evaluation.runner import Evaluator
+from steered_marigold.io.visualization import enlarged, robust_range
 
 Answers = dict[str, Float[Tensor, "height width"]]
 
@@ -48,7 +48,7 @@ def frame_picture(frame: PreparedFrame, answers: Answers) -> Figure:
     All depths share one scale, that of the truth, and all errors another; bars in metres.
     """
     truth = truth_picture(frame)
-    depths, errors = colour_range(truth), Normalize(0, max(0.1, 0.25 * float(np.nanmedian(truth))))
+    depths, errors = robust_range(truth), Normalize(0, max(0.1, 0.25 * float(np.nanmedian(truth))))
     figure, axes = panels(2, 2 + len(answers), frame.depth.shape)
     show(axes[0, 0], frame.image.numpy(), "image")
     show_depth(axes[1, 0], sparse_picture(frame), depths, "input")
@@ -92,15 +92,8 @@ def show_depth(axes: Axes, depth: NDArray[Any], scale: Normalize, title: str) ->
 def sparse_picture(frame: PreparedFrame) -> NDArray[np.float32]:
     """The measurements, larger than they are if few; nan elsewhere."""
     mask = frame.measurements.valid_mask.numpy()
-    distance, nearest = distance_transform_edt(~mask, return_indices=True)
-    depth = frame.measurements.sparse_depth.numpy()[tuple(nearest)]
-    return np.where(distance <= (_POINT_RADIUS if mask.mean() < _SPARSE else 0), depth, np.nan)
-
-
-def colour_range(depth: NDArray[Any]) -> Normalize:
-    """From the 1st to the 99th percentile of what is known."""
-    low, high = np.nanpercentile(depth, (1, 99))
-    return Normalize(low, max(high, low + 1e-3))
+    depth = np.where(mask, frame.measurements.sparse_depth.numpy(), np.nan)
+    return enlarged(depth, radius=_POINT_RADIUS) if mask.mean() < _SPARSE else depth
 
 
 def truth_picture(frame: PreparedFrame) -> NDArray[np.float32]:

@@ -13,7 +13,6 @@ from torch import Generator, Tensor
 
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.evaluation.pictures import (
-    colour_range,
     panels,
     show,
     show_depth,
@@ -21,6 +20,7 @@ from steered_marigold.evaluation.pictures import (
     truth_picture,
 )
 from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.io.visualization import robust_range
 from steered_marigold.methods.steered import SteeredCompleter
 
 
@@ -72,12 +72,12 @@ def steering_figure(frame: PreparedFrame, steps: Sequence[SteeringStep]) -> Figu
     """
     truth = truth_picture(frame)
     figure, axes = panels(2, 4, frame.depth.shape)
-    show_depth(axes[0, 0], truth, colour_range(truth), "truth")
-    show_depth(axes[1, 0], sparse_picture(frame), colour_range(truth), "samples")
+    show_depth(axes[0, 0], truth, robust_range(truth), "truth")
+    show_depth(axes[1, 0], sparse_picture(frame), robust_range(truth), "samples")
     shown = (steps[0], steps[-1])
     largest = max(float(np.percentile((s.target - s.predicted).abs(), 99)) for s in shown)
     for row, step in zip(axes, shown, strict=True):
-        scale = colour_range(step.target.numpy())
+        scale = robust_range(step.target.numpy())
         show_depth(row[1], step.predicted.numpy(), scale, f"t = {step.timestep}: predicted")
         show_depth(row[2], step.target.numpy(), scale, "steered towards")
         direction = (step.target - step.predicted).numpy()

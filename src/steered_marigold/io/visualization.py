@@ -48,9 +48,9 @@ def draw_panels(
     step = -(-max(height, width) // _LONGEST_SIDE)
     sparse = np.where(measured, sparse_depth.cpu().numpy(), np.nan)
     if measured.any() and measured.mean() < _SPARSE:
-        sparse = _enlarged(sparse, radius=2 * step)
+        sparse = enlarged(sparse, radius=2 * step)
     known = np.where(result > 0, result, np.nan) if metric else result
-    scale = _robust_range(known) if metric else Normalize(0, 1)
+    scale = robust_range(known) if metric else Normalize(0, 1)
     panels = [
         _Panel("image", image.cpu().numpy()),
         _Panel(f"input, {measured.mean():.1%} measured", sparse, scale, label="depth [m]"),
@@ -59,7 +59,7 @@ def draw_panels(
     if uncertainty is not None:
         error = uncertainty.cpu().numpy()
         label = "expected error" + (" [m]" if metric else "")
-        panels.append(_Panel("uncertainty", error, _robust_range(error), "magma", label))
+        panels.append(_Panel("uncertainty", error, robust_range(error), "magma", label))
     figure = _side_by_side(
         [replace(panel, values=panel.values[::step, ::step]) for panel in panels]
     )
@@ -107,14 +107,14 @@ def _axes(figure: Figure, left: float, bottom: float, width: float, height: floa
     return axes
 
 
-def _robust_range(values: NDArray[Any]) -> Normalize:
+def robust_range(values: NDArray[Any]) -> Normalize:
     """From the 1st to the 99th percentile of what is known, never empty."""
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
     return Normalize(low, max(high, low + 1e-3))
 
 
-def _enlarged(values: NDArray[Any], *, radius: int) -> NDArray[Any]:
-    """Every missing pixel within `radius` of a known one takes the nearest one's value."""
+def enlarged(values: NDArray[Any], *, radius: int) -> NDArray[Any]:
+    """Every missing pixel (nan) within `radius` [px] of a known one takes the nearest's value."""
     distance, nearest = distance_transform_edt(np.isnan(values), return_indices=True)
     return np.where(distance <= radius, values[tuple(nearest)], np.nan)

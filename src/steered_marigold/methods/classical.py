@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.errors import NoMeasurementsError
+from steered_marigold.methods.protocol import check_frame
 
 
 class ClassicalCompleter(ABC):
@@ -26,8 +26,7 @@ class ClassicalCompleter(ABC):
         generator: torch.Generator | None = None,
     ) -> DepthCompletion:
         """See `DepthCompleter.complete`."""
-        if not valid_mask.any():
-            raise NoMeasurementsError(f"{self.name}: no pixel of valid_mask is True")
+        check_frame(self.name, image, sparse_depth, valid_mask)
         mask = valid_mask.numpy(force=True)
         depth = np.where(mask, sparse_depth.numpy(force=True), 0).astype(np.float32)
         dense = torch.from_numpy(self._fill(image.numpy(force=True), depth, mask))

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor, nn
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.errors import NoMeasurementsError, SizeMismatchError
+from steered_marigold.methods.protocol import check_frame
 from steered_marigold.methods.weights import load_published
 
 
@@ -56,14 +56,8 @@ class LearnedCompleter(ABC):
         *,
         generator: torch.Generator | None = None,
     ) -> DepthCompletion:
-        """See `DepthCompleter.complete`; also raises SizeMismatchError."""
-        if not image.shape[:2] == sparse_depth.shape == valid_mask.shape:
-            raise SizeMismatchError(
-                f"image {tuple(image.shape[:2])}, sparse_depth {tuple(sparse_depth.shape)} and "
-                f"valid_mask {tuple(valid_mask.shape)} must agree in height and width"
-            )
-        if not valid_mask.any():
-            raise NoMeasurementsError(f"{self.name}: no pixel of valid_mask is True")
+        """See `DepthCompleter.complete`."""
+        check_frame(self.name, image, sparse_depth, valid_mask)
         sparse = torch.where(valid_mask, sparse_depth, 0)[None, None]
         mean, std = (
             torch.tensor(values, device=self._device)[:, None, None]

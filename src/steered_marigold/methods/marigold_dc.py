@@ -13,7 +13,8 @@ from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.errors import InputError, NoMeasurementsError
+from steered_marigold.errors import InputError
+from steered_marigold.methods.protocol import check_frame
 
 LATENT_LEARNING_RATE = 0.05
 AFFINE_LEARNING_RATE = 0.005
@@ -95,8 +96,7 @@ class MarigoldDCCompleter:
         generator: torch.Generator | None = None,
     ) -> DepthCompletion:
         """See `DepthCompleter.complete`."""
-        if not valid_mask.any():
-            raise NoMeasurementsError(f"{self.name}: no pixel of valid_mask is True")
+        check_frame(self.name, image, sparse_depth, valid_mask)
         pipe = self._pipeline
         device, dtype, codec = pipe._execution_device, pipe.dtype, DepthCodec(pipe.vae)
         pixels, padding, size = pipe.image_processor.preprocess(
@@ -131,7 +131,7 @@ class MarigoldDCCompleter:
             guided_denoising(predict, decode, self._scheduler, start, sparse, mask)
             for start in starts
         ]
-        depth = torch.stack(members).quantile(0.5, dim=0).to(sparse_depth)
+        depth = torch.stack(members).median(dim=0).values.to(sparse_depth)
         measured = valid_mask[None]
         return DepthCompletion(depth=depth[None], measured=measured, trusted=measured)
 

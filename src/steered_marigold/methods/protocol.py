@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.errors import NoMeasurementsError, SizeMismatchError
 
 
 @runtime_checkable
@@ -33,6 +34,18 @@ class DepthCompleter(Protocol):
         K: intrinsics [px], for methods that use them. generator: the only source of randomness,
         a CPU generator.
 
-        Raises NoMeasurementsError if valid_mask is False everywhere.
+        Raises SizeMismatchError if the sizes differ, NoMeasurementsError if valid_mask is False
+        everywhere.
         """
         ...
+
+
+def check_frame(name: str, image: Tensor, sparse_depth: Tensor, valid_mask: Tensor) -> None:
+    """Raises what `DepthCompleter.complete` raises, in the words of the method `name`."""
+    if not image.shape[:2] == sparse_depth.shape == valid_mask.shape:
+        raise SizeMismatchError(
+            f"{name}: image {tuple(image.shape[:2])}, sparse_depth {tuple(sparse_depth.shape)} "
+            f"and valid_mask {tuple(valid_mask.shape)} must agree in height and width"
+        )
+    if not valid_mask.any():
+        raise NoMeasurementsError(f"{name}: no pixel of valid_mask is True")

@@ -12,7 +12,8 @@ from steered_marigold.core.steering import ConditionAlignment
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.diffusion.presets import get_preset
-from steered_marigold.errors import InputError, NoMeasurementsError
+from steered_marigold.errors import InputError
+from steered_marigold.methods.protocol import check_frame
 
 
 class SteeredCompleter:
@@ -101,9 +102,9 @@ class SteeredCompleter:
         confidence: in [0, 1], the weight of each measurement. no_measurements: where valid_mask
         is False everywhere, answer with relative depth instead of raising.
         """
+        if not no_measurements:
+            check_frame(self.name, image, sparse_depth, valid_mask)
         measured = bool(valid_mask.any())
-        if not measured and not no_measurements:
-            raise NoMeasurementsError(f"{self.name}: no pixel of valid_mask is True")
         answer: DepthCompletion = self.pipeline(
             image.permute(2, 0, 1).float() / 255,
             sparse_depth if measured else None,

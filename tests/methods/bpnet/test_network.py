@@ -46,7 +46,7 @@ def test_names_and_shapes_are_the_published_ones() -> None:
     assert sum(parameter.numel() for parameter in network.parameters()) == 89_873_730
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.integers(1, 9), st.integers(1, 12), st.sampled_from([0.02, 0.2, 0.9]), st.integers(0, 999)
 )

@@ -48,7 +48,7 @@ def test_pyramid_halves_five_times_and_rounds_down() -> None:
     ]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.sampled_from([1, 3]), st.integers(1, 5), st.integers(1, 5), st.integers(0, 999))
 def test_modulated_deform_conv_is_a_loop(side: int, height: int, width: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
