@@ -17,8 +17,8 @@ from training.data import WIDTH
 STEPS = 10
 
 
-def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
-    """A text encoder whose every embedding is 0, as in training, and its two-word tokenizer."""
+def two_word_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
+    """An untrained text encoder for the empty prompt's two tokens alone, and its tokenizer."""
     with tempfile.TemporaryDirectory() as folder:
         vocabulary, merges = Path(folder) / "vocab.json", Path(folder) / "merges.txt"
         vocabulary.write_text(json.dumps({"<|startoftext|>": 0, "<|endoftext|>": 1}))
@@ -34,11 +34,16 @@ def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
         eos_token_id=1,
         pad_token_id=1,
     )
-    encoder = CLIPTextModel(config)
+    return CLIPTextModel(config).eval(), tokenizer
+
+
+def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
+    """The same with every embedding 0, as in training."""
+    encoder, tokenizer = two_word_prompt(channels)
     for name, parameter in encoder.named_parameters():
         if "final_layer_norm" in name:
             nn.init.zeros_(parameter)
-    return encoder.eval(), tokenizer
+    return encoder, tokenizer
 
 
 def assemble(runs: Path) -> SteeredMarigoldPipeline:

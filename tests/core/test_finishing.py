@@ -49,6 +49,8 @@ def test_the_floor_is_kept_and_counted() -> None:
     few = mask & (near > 1.0)
     answer = finish(affine[None], near, few, OURS, noise=SensorNoise())
     assert answer.floored is not None
+    assert answer.scale is not None
+    assert answer.shift is not None
     assert bool((answer.depth > 0).all())
     below = answer.scale * affine + answer.shift < 0.05
     assert torch.equal(answer.floored[0], below)

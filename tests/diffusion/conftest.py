@@ -1,36 +1,17 @@
 """Tiny random checkpoints of the real classes."""
 
-import json
-from pathlib import Path
-
 import pytest
 import torch
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
-from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from training.export import two_word_prompt
 
 
-def tiny_pipeline(folder: Path, *, with_image_encoder: bool = False) -> SteeredMarigoldPipeline:
+def tiny_pipeline(*, with_image_encoder: bool = False) -> SteeredMarigoldPipeline:
     """A pipeline of real, small, random components."""
     torch.manual_seed(0)
-    vocabulary = {"<|startoftext|>": 0, "<|endoftext|>": 1}
-    (folder / "vocab.json").write_text(json.dumps(vocabulary))
-    (folder / "merges.txt").write_text("#version: 0.2\n")
-    tokenizer = CLIPTokenizer(
-        str(folder / "vocab.json"), str(folder / "merges.txt"), model_max_length=77
-    )
-    text = CLIPTextConfig(
-        vocab_size=2,
-        hidden_size=8,
-        intermediate_size=8,
-        num_hidden_layers=1,
-        num_attention_heads=1,
-        bos_token_id=0,
-        eos_token_id=1,
-        pad_token_id=1,
-    )
     image_channels = 6 if with_image_encoder else 4
     unet = UNet2DConditionModel(
         in_channels=image_channels + 4,
@@ -51,6 +32,7 @@ def tiny_pipeline(folder: Path, *, with_image_encoder: bool = False) -> SteeredM
         norm_num_groups=4,
     )
     encoder = ImageEncoder("lite0", latent_channels=6, pyramid_channels=8)
+    text_encoder, tokenizer = two_word_prompt(8)
     return SteeredMarigoldPipeline(
         unet.eval(),
         vae.eval(),
@@ -63,7 +45,7 @@ def tiny_pipeline(folder: Path, *, with_image_encoder: bool = False) -> SteeredM
             set_alpha_to_one=False,
             steps_offset=1,
         ),
-        CLIPTextModel(text).eval(),
+        text_encoder,
         tokenizer,
         image_encoder=encoder.eval() if with_image_encoder else None,
         prediction_type="depth",
@@ -73,16 +55,16 @@ def tiny_pipeline(folder: Path, *, with_image_encoder: bool = False) -> SteeredM
 
 
 @pytest.fixture
-def pipeline(tmp_path: Path) -> SteeredMarigoldPipeline:
+def pipeline() -> SteeredMarigoldPipeline:
     """Marigold's components, small."""
-    pipe = tiny_pipeline(tmp_path)
+    pipe = tiny_pipeline()
     pipe.set_progress_bar_config(disable=True)
     return pipe
 
 
 @pytest.fixture
-def pipeline_with_encoder(tmp_path: Path) -> SteeredMarigoldPipeline:
+def pipeline_with_encoder() -> SteeredMarigoldPipeline:
     """The same with an image encoder beside the VAE."""
-    pipe = tiny_pipeline(tmp_path, with_image_encoder=True)
+    pipe = tiny_pipeline(with_image_encoder=True)
     pipe.set_progress_bar_config(disable=True)
     return pipe

@@ -21,9 +21,9 @@ def frame(tiny: RunSettings) -> PreparedFrame:
 
 
 @pytest.fixture
-def completer(tmp_path: Path) -> SteeredCompleter:
+def completer() -> SteeredCompleter:
     """The paper's preset, three steps, on a tiny random checkpoint."""
-    pipeline = tiny_pipeline(tmp_path)
+    pipeline = tiny_pipeline()
     return SteeredCompleter(pipeline, "tiny", preset="paper", num_inference_steps=3)
 
 
