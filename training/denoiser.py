@@ -55,7 +55,7 @@ def average_of(run: Path, model: nn.Module) -> nn.Module:
 
 
 def load_image_encoder(run: Path) -> ImageEncoder:
-    """The trained image encoder, its output scaled to a standard deviation of about 1."""
+    """The trained image encoder; its output is scaled by `export.assemble`."""
     regressor = average_of(run, image_branch.build())
     encoder: ImageEncoder = regressor.encoder  # type: ignore[assignment]
     return encoder
@@ -63,7 +63,7 @@ def load_image_encoder(run: Path) -> ImageEncoder:
 
 def load_codec(run: Path) -> AutoencoderKL:
     """The trained codec."""
-    return average_of(run, codec_stage.build())  # type: ignore[return-value]
+    return average_of(run, codec_stage.build())
 
 
 @torch.no_grad()

@@ -14,7 +14,7 @@ from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from training import denoiser
 from training.data import WIDTH
 
-STEPS = 10
+STEPS = 1
 
 
 def two_word_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
