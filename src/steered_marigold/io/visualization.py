@@ -58,7 +58,7 @@ def draw_panels(
     ]
     if uncertainty is not None:
         error = uncertainty.cpu().numpy()
-        label = "expected error" + (" [m]" if metric else "")
+        label = "standard deviation" + (" [m]" if metric else "")
         panels.append(_Panel("uncertainty", error, robust_range(error), "magma", label))
     figure = _side_by_side(
         [replace(panel, values=panel.values[::step, ::step]) for panel in panels]
