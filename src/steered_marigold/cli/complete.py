@@ -70,9 +70,7 @@ def complete(
     output_format: Annotated[
         str, _write(help="Of a folder's depth and uncertainty: png, npy, tiff or exr.")
     ] = "png",
-    uncertainty: Annotated[
-        Path | None, _write(help="The standard deviation of the error in metres.")
-    ] = None,
+    uncertainty: Annotated[Path | None, _write(help="The error's standard deviation [m].")] = None,
     visualization: Annotated[
         Path | None, _write(help="A .png of image, input, result and uncertainty.")
     ] = None,
@@ -81,9 +79,7 @@ def complete(
     ] = None,
     max_uncertainty: Annotated[
         float | None,
-        _write(
-            help="Write 0 (unknown) where the standard deviation of the error is larger, in metres."
-        ),
+        _write(help="Write 0 (unknown) where the uncertainty [m] is larger."),
     ] = None,
     as_json: Annotated[
         bool, _write("--json", help="Print one JSON record a frame on stdout, all else on stderr.")
