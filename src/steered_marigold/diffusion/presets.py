@@ -84,43 +84,19 @@ PLAIN = Preset(
 )
 # Unsteered: next to the consistency solve, steering made the erased area worse on the embedded
 # checkpoint (docs/method.md has the figures). steering_strength turns it on.
-DEFAULT = Preset(
-    num_inference_steps=None,
-    steering_strength=0.0,
-    neighborhood_px=7,
-    anchor_fraction=0.05,
-    anchors="fixed",
+DEFAULT = replace(
+    PLAIN,
     max_anchors=4000,
     condition_alignment="minmax",
     ensemble_size=4,
-    processing_resolution=None,
-    scheduler=None,
-    prompt_tokens=None,
-    finishing=Finishing(
-        robust=True,
-        consistent=True,
-        minimum_depth=0.05,
-        uncertainty=CALIBRATED,
-    ),
+    finishing=Finishing(robust=True, consistent=True, minimum_depth=0.05, uncertainty=CALIBRATED),
 )
-FAST = Preset(
+FAST = replace(
+    DEFAULT,
     num_inference_steps=1,
-    steering_strength=0.0,
-    neighborhood_px=7,
-    anchor_fraction=0.05,
-    anchors="fixed",
     max_anchors=1500,
-    condition_alignment="minmax",
     ensemble_size=1,
-    processing_resolution=None,
     scheduler=(None, {"timestep_spacing": "trailing"}),
-    prompt_tokens=None,
-    finishing=Finishing(
-        robust=True,
-        consistent=True,
-        minimum_depth=0.05,
-        uncertainty=CALIBRATED,
-    ),
 )
 PRESETS = {"paper": PAPER, "default": DEFAULT, "fast": FAST}
 
