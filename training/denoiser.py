@@ -2,24 +2,34 @@
 
 Neither the image encoder nor the codec changes, so their outputs are computed once for a pool of
 augmented samples, of which a part is renewed as the training goes.
+
+In half of the samples a part of the frame is *known*: its latents carry hardly any noise, whatever
+the timestep says of the rest, as if a sensor had measured there. So the U-Net learns to continue
+into holes what it is told about their surroundings, in the units in which it is told.
 """
 
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+import torch.nn.functional as F
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
 from torch import Tensor, nn
 
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from training import codec as codec_stage
 from training import image_branch
-from training.data import MixedFrames, batches, image_to_model
+from training.data import MixedFrames, batches, image_to_model, normalise
 from training.image_branch import affine_errors, held_out_frames
 from training.trainer import Batch, Trainer
 
 TEXT_CHANNELS = 32
+# rows and columns of a 320x240 frame that validation hides: a centre like that of paper-erased
+HOLE = slice(54, 186), slice(53, 267)
+# known latents are noised to a timestep below this one
+KNOWN_TIMESTEPS = 250
 SCHEDULER: dict[str, Any] = {
     "beta_schedule": "scaled_linear",
     "beta_start": 0.00085,
@@ -73,41 +83,72 @@ def encode_depth(codec: AutoencoderKL, depth: Tensor) -> Tensor:
     return latents
 
 
-class Pool:
-    """Encoded samples: image latents and depth latents, in bfloat16.
+def told_in_other_units(depth: Tensor, generator: torch.Generator) -> Tensor:
+    """Depth [n, 1, height, width] in [-1, 1], stretched and moved at random: no fit is exact."""
+    scale, shift = torch.rand(2, len(depth), 1, 1, 1, generator=generator)
+    return (depth * (0.75 + 0.5 * scale) + 0.4 * (shift - 0.5)).clamp(-1.1, 1.1)
 
-    Every draw replaces a little of the pool, so that the U-Net goes on seeing new crops.
+
+def draw_holes(depth: Tensor, generator: torch.Generator) -> Tensor:
+    """True [n, 1, h, w] where nothing is known: boxes, all but a box, blobs, or all that is far.
+
+    depth: [n, 1, h, w], one value for each latent position.
+    """
+    count, _, h, w = depth.shape
+    y, x = torch.linspace(0, 1, h)[:, None], torch.linspace(0, 1, w)
+    side = 0.15 + 0.7 * torch.rand(count, 2, 1, 1, generator=generator)
+    centre = 0.5 + (torch.rand(count, 2, 1, 1, generator=generator) - 0.5) * (1.2 - side)
+    box = ((y - centre[:, 0]).abs() < side[:, 0] / 2) & ((x - centre[:, 1]).abs() < side[:, 1] / 2)
+    coarse = torch.rand(count, 1, 4, 5, generator=generator)
+    blobs = F.interpolate(coarse, size=(h, w), mode="bicubic")[:, 0] > 0.5
+    limit = torch.rand(count, 1, 1, generator=generator) * 1.4 - 0.7
+    far = depth[:, 0] > limit
+    kind = torch.rand(count, 1, 1, generator=generator)
+    holes = torch.where(kind < 0.45, box, far)
+    holes = torch.where((kind >= 0.45) & (kind < 0.7), blobs, holes)
+    return torch.where((kind >= 0.7) & (kind < 0.8), ~box, holes)[:, None]
+
+
+class Pool:
+    """Encoded samples: image latents, depth latents and depth per latent, in bfloat16.
+
+    "moved" tells which samples have their depth in other units than the normalised ones. Every
+    draw replaces a little of the pool, so that the U-Net goes on seeing new crops.
     """
 
     def __init__(
         self, encoder: ImageEncoder, codec: AutoencoderKL, data: Iterator[Batch], size: int
     ) -> None:
         self._encoder, self._codec, self._data = encoder, codec, data
+        self._generator = torch.Generator().manual_seed(0)
         chunks = [self._encode() for _ in range(size // 16)]
-        self.image = torch.cat([image for image, _ in chunks])
-        self.depth = torch.cat([depth for _, depth in chunks])
+        self.samples = {name: torch.cat([chunk[name] for chunk in chunks]) for name in chunks[0]}
         self._oldest = 0
 
     @torch.no_grad()
-    def _encode(self) -> tuple[Tensor, Tensor]:
+    def _encode(self) -> Batch:
         batch = next(self._data)
         image = image_to_model(batch["image"]).contiguous(memory_format=torch.channels_last)
+        depth = batch["depth"]
+        moved = torch.rand(len(depth), 1, 1, 1, generator=self._generator) < 0.45
+        depth = torch.where(moved, told_in_other_units(depth, self._generator), depth)
         with torch.autocast("cpu", torch.bfloat16):
-            image = self._encoder(image)
-            depth = encode_depth(self._codec, batch["depth"])
-        return image.bfloat16(), depth.bfloat16()
+            encoded = {"image": self._encoder(image), "latents": encode_depth(self._codec, depth)}
+        coarse = F.avg_pool2d(depth, 8)
+        return {k: v.bfloat16() for k, v in encoded.items()} | {"depth": coarse, "moved": moved}
 
     def batches(self, batch_size: int, renew_every: int) -> Iterator[Batch]:
         """Endless random batches."""
-        generator = torch.Generator().manual_seed(0)
+        size = len(self.samples["image"])
         while True:
             for _ in range(renew_every):
-                index = torch.randint(len(self.image), (batch_size,), generator=generator)
-                yield {"image": self.image[index], "depth": self.depth[index]}
-            image, depth = self._encode()
-            where = slice(self._oldest, self._oldest + len(image))
-            self.image[where], self.depth[where] = image, depth
-            self._oldest = (self._oldest + len(image)) % len(self.image)
+                index = torch.randint(size, (batch_size,), generator=self._generator)
+                yield {name: values[index] for name, values in self.samples.items()}
+            fresh = self._encode()
+            count = len(fresh["image"])
+            for name, values in fresh.items():
+                self.samples[name][self._oldest : self._oldest + count] = values
+            self._oldest = (self._oldest + count) % size
 
 
 def draw_timesteps(count: int, generator: torch.Generator) -> Tensor:
@@ -125,8 +166,8 @@ def train(
     data = MixedFrames(nyuv2, rooms, rooms_share=0.4, seed=2)
     samples = Pool(encoder, codec, batches(data, 16), pool)
     scales = {
-        "image": 1 / float(samples.image.float().std()),
-        "depth": 1 / float(samples.depth.float().std()),
+        "image": 1 / float(samples.samples["image"].float().std()),
+        "depth": 1 / float(samples.samples["latents"].float().std()),
     }
     (runs / "denoiser").mkdir(parents=True, exist_ok=True)
     torch.save(scales, runs / "denoiser" / "scales.pt")
@@ -137,35 +178,65 @@ def train(
 
     def loss_function(batch: Batch) -> dict[str, Tensor]:
         image = batch["image"].float() * scales["image"]
-        depth = batch["depth"].float() * scales["depth"]
-        t = draw_timesteps(len(depth), generator)
-        noise = torch.randn(depth.shape, generator=generator)
-        noisy = scheduler.add_noise(depth, noise, t)
-        target = scheduler.get_velocity(depth, noise, t)
+        latents = batch["latents"].float() * scales["depth"]
+        t = draw_timesteps(len(latents), generator)
+        noise = torch.randn(latents.shape, generator=generator)
+        # depth in other units can only be told from a part that is known
+        chance = torch.rand(batch["moved"].shape, generator=generator)
+        told = batch["moved"] | (chance < 0.15)
+        told_t = (500 + 600 * torch.rand(len(t), generator=generator).sqrt()).long().clamp(max=999)
+        t = torch.where(told.flatten(), told_t, t)
+        little = torch.randint(KNOWN_TIMESTEPS, t.shape, generator=generator)
+        known = told & ~draw_holes(batch["depth"], generator)
+        noisy = torch.where(
+            known,
+            scheduler.add_noise(latents, noise, little),
+            scheduler.add_noise(latents, noise, t),
+        )
         both = torch.cat([image, noisy], dim=1).contiguous(memory_format=torch.channels_last)
         with torch.autocast("cpu", torch.bfloat16):
             prompt = text.expand(len(both), -1, -1)
             output = unet(both, t, encoder_hidden_states=prompt, return_dict=False)[0]
-        return {"loss": (output.float() - target).square().mean()}
+        # the velocity that leads to the latents, whatever noise the position has
+        alpha_bar = scheduler.alphas_cumprod[t].view(-1, 1, 1, 1)
+        sigma = (1 - alpha_bar).sqrt()
+        target = (alpha_bar.sqrt() * noisy - latents) / sigma
+        error = (output.float() - target).square()
+        return {
+            "loss": error.mean(),
+            "holes": error[(told & ~known).expand_as(error)].mean(),
+            "noise": error[~told.flatten()].mean(),
+        }
 
     held_out = held_out_frames(nyuv2, "tune") if nyuv2 else None
 
     @torch.no_grad()
     def validate(model: nn.Module) -> dict[str, float]:
-        """Errors of the one-step estimate from pure noise."""
+        """Errors of the one-step estimate: from noise alone, and told what is around `HOLE`."""
         assert held_out is not None
-        images, depths = held_out
-        predictions = []
+        estimates, holes = [], []
         t = torch.tensor(999)
-        for image in images:
+        window = (..., *HOLE)
+        for image, depth in zip(*held_out, strict=True):
+            normalised = torch.from_numpy(normalise(depth.numpy()))
+            low, high = (float(q) for q in np.percentile(depth, (2, 98)))
             with torch.autocast("cpu", torch.bfloat16):
                 features = encoder(image_to_model(image[None])).float() * scales["image"]
                 noise = torch.randn(1, 4, *features.shape[-2:], generator=generator)
-                both = torch.cat([features, noise], dim=1)
-                v = model(both, t, encoder_hidden_states=text, return_dict=False)[0]
+                latents = encode_depth(codec, normalised[None]).float() * scales["depth"]
+                known = torch.ones_like(features[:, :1], dtype=torch.bool)
+                known[(..., *(slice(s.start // 8, -(-s.stop // 8)) for s in HOLE))] = False
+                told = torch.where(known, latents, noise)
+                both = torch.cat([features.expand(2, -1, -1, -1), torch.cat([noise, told])], dim=1)
+                prompt = text.expand(2, -1, -1)
+                v = model(both, t, encoder_hidden_states=prompt, return_dict=False)[0]
                 decoded = codec.decode(-v.float() / scales["depth"]).sample
-            predictions.append(decoded.float().mean(dim=1, keepdim=True).clamp(-1, 1))
-        return affine_errors(torch.cat(predictions), depths)
+            estimate, filled = decoded.float().mean(dim=1, keepdim=True).clamp(-1, 1)
+            estimates.append(estimate)
+            metric = low + (filled + 1) / 2 * (high - low)
+            holes.append(((metric - depth).abs() / depth)[window].mean())
+        errors = affine_errors(torch.stack(estimates), held_out[1])
+        return errors | {"hole_abs_rel": float(torch.stack(holes).mean())}
 
     groups: list[dict[str, object]] = [{"params": list(unet.parameters()), "lr": 6e-4}]
     Trainer(unet, groups, runs / "denoiser", minutes).fit(
