@@ -1,9 +1,11 @@
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from steered_marigold.core.sparsity import (
     Measurements,
@@ -14,6 +16,7 @@ from steered_marigold.core.sparsity import (
     keep,
     limit_range,
     remove_blobs,
+    remove_region,
     sample_uniform,
     scan_lines,
 )
@@ -28,6 +31,7 @@ STEPS: dict[str, Step] = {
     "range": lambda m, g: limit_range(m, 3.0),
     "lines": lambda m, g: scan_lines(m, 8, generator=g),
     "blobs": lambda m, g: remove_blobs(m, 3, generator=g),
+    "region": lambda m, g: remove_region(m, 1 / 3, generator=g),
     "noise": lambda m, g: add_noise(m, 0.1, generator=g),
     "outliers": lambda m, g: add_outliers(m, 0.05, generator=g),
 }
@@ -57,7 +61,7 @@ def test_no_step_invents_leaks_or_varies(step: Step) -> None:
     assert torch.equal(before.sparse_depth, dense().sparse_depth)
 
 
-@pytest.mark.parametrize("name", ["uniform", "rectangle", "range", "lines", "blobs"])
+@pytest.mark.parametrize("name", ["uniform", "rectangle", "range", "lines", "blobs", "region"])
 def test_what_is_kept_keeps_its_value(name: str) -> None:
     before = dense()
     after = STEPS[name](before, rng())
@@ -120,6 +124,54 @@ def test_blobs_are_large_and_differ_by_seed() -> None:
     assert len(set(shares.tolist())) > 40
 
 
+def grid() -> Measurements:
+    """Three of four pixels of two of three rows, in an L; and an island of 8 x 8 px."""
+    mask = torch.zeros(SIZE, dtype=torch.bool)
+    mask[5:50, 5:25] = mask[35:50, 5:60] = True
+    mask[::3] = False
+    mask[:, ::4] = False
+    mask[10:18, 60:68] = True
+    return Measurements(sparse_depth=torch.ones(SIZE), valid_mask=mask)
+
+
+@given(st.integers(0, 2**31), st.sampled_from([0.1, 1 / 3, 0.7]))
+def test_region_is_connected_and_a_share_of_the_largest_area(seed: int, share: float) -> None:
+    before = grid()
+    after = remove_region(before, share, generator=rng(seed))
+    hidden = (before.valid_mask & ~after.valid_mask).numpy()
+    assert hidden.sum() == round(share * (int(before.valid_mask.sum()) - 64))
+    assert not hidden[10:18, 60:68].any()
+    # dilation by 2 bridges the gaps of the grid, of one pixel, and no more than 4
+    _, parts = ndimage.label(ndimage.binary_dilation(hidden, np.ones((5, 5))), np.ones((3, 3)))
+    assert parts == 1
+
+
+def test_regions_lie_everywhere() -> None:
+    before = dense(share=1.1)
+    hidden = torch.stack(
+        [~remove_region(before, 1 / 3, generator=rng(seed)).valid_mask for seed in range(40)]
+    )
+    assert bool(hidden.any(dim=0).all())
+    assert not bool(hidden.all(dim=0).any())
+
+
+def test_a_region_goes_around_what_was_not_measured() -> None:
+    """Two arms side by side, joined at one end: the other arm is near, but not next."""
+    mask = torch.zeros(SIZE, dtype=torch.bool)
+    mask[5:9, 5:75] = mask[20:24, 5:75] = mask[5:24, 5:9] = True
+    before = Measurements(sparse_depth=torch.ones(SIZE), valid_mask=mask)
+    for seed in range(20):
+        hidden = mask & ~remove_region(before, 0.2, generator=rng(seed)).valid_mask
+        arms = hidden[:9, 20:].any(), hidden[20:, 20:].any()
+        assert not all(arms)
+
+
+def test_nothing_measured_stays_nothing() -> None:
+    nothing = keep(dense(), torch.zeros(SIZE, dtype=torch.bool))
+    after = remove_region(nothing, 1 / 3, generator=rng())
+    assert not bool(after.valid_mask.any())
+
+
 def test_noise_is_relative() -> None:
     before = dense(share=1.1)
     after = add_noise(before, 0.1, generator=rng())
@@ -156,5 +208,7 @@ def test_bad_input() -> None:
         fraction_to_count(0.0, SIZE)
     with pytest.raises(InputError, match="scan lines"):
         scan_lines(dense(), 61, generator=rng())
+    with pytest.raises(InputError, match="fraction of a region"):
+        remove_region(dense(), 1.0, generator=rng())
     with pytest.raises(InputError, match="outliers"):
         add_outliers(dense(), 1.5, generator=rng())

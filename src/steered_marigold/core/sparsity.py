@@ -7,11 +7,18 @@ truth is where a chain begins.
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 from torch import Generator, Tensor
 
 from steered_marigold.errors import InputError
+
+_BRIDGED_PX = 3  # measurements up to twice as far apart belong to the same measured area
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +109,33 @@ def remove_blobs(measurements: Measurements, count: int, *, generator: Generator
     return keep(measurements, seen)
 
 
+def remove_region(
+    measurements: Measurements, fraction: float, *, generator: Generator
+) -> Measurements:
+    """Without a connected region that holds `fraction` of the connected measured area.
+
+    That area is the largest set of measurements whose gaps are at most 6 px, so that the pattern of
+    a sensor's sampling does not cut it. The region grows inside it, from a random measurement, by
+    the length of the way there.
+
+    Raises InputError unless 0 < fraction < 1.
+    """
+    if not 0 < fraction < 1:
+        raise InputError(f"the fraction of a region must be in (0, 1), not {fraction}")
+    valid = measurements.valid_mask.numpy()
+    if not valid.any():
+        return keep(measurements, measurements.valid_mask)
+    near = ndimage.distance_transform_edt(~valid) <= _BRIDGED_PX
+    label, _ = ndimage.label(near, np.ones((3, 3)))
+    area = label == np.bincount(label[valid]).argmax()
+    candidates = np.flatnonzero(area & valid)
+    start = int(candidates[int(torch.randint(len(candidates), (), generator=generator))])
+    nearest = np.argsort(_way_within(area, start)[candidates], kind="stable")
+    seen = torch.ones(valid.size, dtype=torch.bool)
+    seen[candidates[nearest[: max(1, round(fraction * len(candidates)))]]] = False
+    return keep(measurements, seen.view_as(measurements.valid_mask))
+
+
 def add_noise(measurements: Measurements, sigma: float, *, generator: Generator) -> Measurements:
     """Gaussian noise with a standard deviation of `sigma` times the depth.
 
@@ -131,3 +165,22 @@ def add_outliers(
     wrong = low + (high - low) * torch.rand(hit.shape, generator=generator)
     depth = torch.where(hit, wrong, measurements.sparse_depth)
     return keep(replace(measurements, sparse_depth=depth), measurements.valid_mask)
+
+
+def _way_within(area: NDArray[np.bool_], start: int) -> NDArray[np.float64]:
+    """Length [px] of the shortest way from the flat index `start` to each pixel, inside `area`.
+
+    Ways go from pixel to pixel along rows, columns and diagonals. Infinite where none leads.
+    """
+    height, width = area.shape
+    index = np.arange(area.size).reshape(area.shape)
+    ways = []
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
+        there = (slice(down, height), slice(max(0, right), width - max(0, -right)))
+        both = area[here] & area[there]
+        ways.append((index[here][both], index[there][both], math.hypot(down, right)))
+    lengths = np.concatenate([np.full(len(first), length) for first, _, length in ways])
+    ends = tuple(np.concatenate(side) for side in zip(*((a, b) for a, b, _ in ways), strict=True))
+    graph = coo_array((lengths, ends), shape=(area.size, area.size)).tocsr()
+    return np.asarray(dijkstra(graph, directed=False, indices=start))
