@@ -71,6 +71,43 @@ def test_layout_of_marigold_dc(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sample.sparse_mask.numpy(), sparse > 0)
 
 
+@pytest.fixture
+def subfolders(tmp_path: Path) -> Path:
+    """Two frames, one a folder: a JPEG with 16 bits and intrinsics, a PNG with floats."""
+    for name in ("b", "a", "notes"):
+        (tmp_path / name).mkdir()
+    image = Image.fromarray(np.full((8, 12, 3), 7, np.uint8))
+    image.save(tmp_path / "a" / "rgb.jpg")
+    image.save(tmp_path / "b" / "rgb.png")
+    Image.fromarray(np.full((8, 12), 1500, np.uint16)).save(tmp_path / "a" / "depth.png")
+    np.save(tmp_path / "b" / "depth.npy", np.full((1, 1, 8, 12), 2.5, np.float32))
+    (tmp_path / "a" / "intrinsics.txt").write_text("10 0 6\n0 10 4\n0 0 1\n")
+    return tmp_path
+
+
+def test_one_folder_a_frame(subfolders: Path) -> None:
+    dataset = FrameFolder(subfolders)
+    assert dataset.frame_ids == ("a", "b")
+    first, second = (dataset.load(frame_id) for frame_id in dataset.frame_ids)
+    assert float(first.depth.max()) == 1.5
+    assert float(second.depth.min()) == 2.5
+    assert first.K is not None
+    assert first.K.tolist() == [[10, 0, 6], [0, 10, 4], [0, 0, 1]]
+    assert second.K is None
+    (subfolders / "b" / "depth.npy").unlink()
+    with pytest.raises(FileFormatError, match=r"1 frames lack .* first 'b'"):
+        FrameFolder(subfolders)
+
+
+def test_reads_the_real_frames(real_frames: Path) -> None:
+    dataset = FrameFolder(real_frames, max_depth=20.0)
+    assert {"realsense_3", "window_001", "kittidc_64l_1"} <= set(dataset.frame_ids)
+    sample = dataset.load("realsense_3")
+    assert sample.K is not None
+    assert 5 < float(sample.depth.max()) <= 20
+    assert dataset.load("window_001").K is None
+
+
 def test_reads_the_development_data(nyuv2_train: Path) -> None:
     dataset = FrameFolder(nyuv2_train)
     assert len(dataset.frame_ids) == 795

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steered_marigold.core.geometry import project, unproject
+from steered_marigold.datasets.folder import FrameFolder
 from steered_marigold.datasets.sample import RgbdSample
 from steered_marigold.errors import FileFormatError, InputError, SizeMismatchError
 from steered_marigold.evaluation.protocol import (
@@ -135,6 +136,28 @@ def test_range_and_lines() -> None:
     assert float(near.depth[near.areas["hidden"]].min()) > 2
     lidar = prepare(sample(), Protocol(kind="lidar", lines=16), seed=0)
     assert int(seen(lidar).any(dim=1).sum()) == 16
+
+
+def test_region_hides_a_third_of_the_connected_area(real_frames: Path) -> None:
+    data = FrameFolder(real_frames, max_depth=20.0)
+    for frame_id in ("realsense_3", "window_420"):
+        frame = prepare(data.load(frame_id), Protocol(kind="region"), seed=0)
+        hidden, full = frame.areas["hidden"], frame.areas["full"]
+        assert frame.focus == "hidden"
+        assert float(hidden.sum() / full.sum()) == pytest.approx(1 / 3, abs=0.01)
+
+
+def test_known_area_is_what_was_measured_or_all_outside_the_centre() -> None:
+    erased = prepare(sample(), Protocol(kind="paper-erased"), seed=0)
+    assert erased.known_area is not None
+    assert bool(erased.known_area[~erased.areas["408x248"] & (erased.depth > 0)].all())
+    assert int((~erased.known_area).sum()) == 408 * 248
+    for kind in ("range", "objects", "region"):
+        frame = prepare(sample(), Protocol(kind=kind), seed=0)
+        assert frame.known_area is not None
+        assert torch.equal(frame.known_area, seen(frame))
+    for kind in ("paper-uniform", "lidar", "given"):
+        assert prepare(sample(), Protocol(kind=kind), seed=0).known_area is None
 
 
 def test_sensor_holes_are_those_of_a_depth_map(masks: Path) -> None:

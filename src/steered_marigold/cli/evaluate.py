@@ -55,8 +55,8 @@ def evaluate(
     protocol: Annotated[
         str,
         _protocol(
-            help="paper-uniform, paper-erased, range, lidar, objects, sensor, or given (the data "
-            "set's own sparse depth)."
+            help="paper-uniform, paper-erased, range, lidar, objects, region, sensor, or given "
+            "(the data set's own sparse depth)."
         ),
     ] = "paper-erased",
     points: Annotated[

@@ -1,5 +1,6 @@
 """A folder of frames, the simplest data set."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,8 +20,11 @@ class FrameFolder:
 
     Optional: `sparse/` with what a sensor measured, `K.txt` with the intrinsics of all frames. The
     ground truth may be named `gt/` instead (the layout of Marigold-DC: rgb/, sparse/*.npy,
-    gt/*.npy). depth_scale: metres per unit, max_depth: farther depth [m] counts as missing; both as
-    in `read_depth`, for ground truth and sparse depth alike.
+    gt/*.npy). Without `rgb/`, each subfolder that holds an image named `rgb` is a frame: its depth
+    map is named `depth`, and its intrinsics, if any, are in `intrinsics.txt`.
+
+    depth_scale: metres per unit, max_depth: farther depth [m] counts as missing; both as in
+    `read_depth`, for ground truth and sparse depth alike.
 
     Raises FileFormatError if a folder is missing or a frame lacks one of its files.
     """
@@ -43,11 +47,23 @@ class FrameFolder:
     @cached_property
     def _files(self) -> tuple[dict[str, Path], ...]:
         """Images, ground truth and, where there is one, sparse depth, by frame id."""
+        if not (self.path / "rgb").is_dir() and any(self.path.glob("*/rgb.*")):
+            images = self._from_subfolders("rgb", IMAGE_SUFFIXES)
+            return images, self._from_subfolders("depth", DEPTH_SUFFIXES)
         truth = "gt" if (self.path / "gt").is_dir() else "depth"
         folders = [("rgb", IMAGE_SUFFIXES), (truth, DEPTH_SUFFIXES)]
         if (self.path / "sparse").is_dir():
             folders.append(("sparse", DEPTH_SUFFIXES))
         return tuple(files_by_stem(self.path / name, suffixes) for name, suffixes in folders)
+
+    def _from_subfolders(self, stem: str, suffixes: Sequence[str]) -> dict[str, Path]:
+        """The files of this name in the subfolders, by the names of those."""
+        found = {
+            folder.name: files_by_stem(folder, suffixes).get(stem)
+            for folder in sorted(self.path.iterdir())
+            if folder.is_dir()
+        }
+        return {frame_id: path for frame_id, path in found.items() if path is not None}
 
     @cached_property
     def frame_ids(self) -> tuple[str, ...]:
@@ -63,7 +79,8 @@ class FrameFolder:
         for path, depth in zip(depth_paths, depths, strict=True):
             check_sizes(path, image, depth.depth)
         truth, sparse = depths[0], depths[1] if len(depths) > 1 else None
-        intrinsics = self.path / "K.txt"
+        own = image_path.with_name("intrinsics.txt")
+        intrinsics = own if own.is_file() else self.path / "K.txt"
         return RgbdSample(
             frame_id=frame_id,
             image=image,

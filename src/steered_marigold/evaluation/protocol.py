@@ -20,7 +20,10 @@ from steered_marigold.datasets.sample import RgbdSample
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
 
-KINDS = ("paper-uniform", "paper-erased", "range", "lidar", "objects", "sensor", "given")
+KINDS = (
+    *("paper-uniform", "paper-erased"),
+    *("range", "lidar", "objects", "region", "sensor", "given"),
+)
 PAPER_CROP = (448, 608)
 PAPER_FRACTION = 0.05
 PAPER_AREAS = {"608x448": (448, 608), "408x248": (248, 408), "358x198": (198, 358)}
@@ -36,6 +39,8 @@ _READ_BY = {
 _MAX_RANGE_M = 3.0
 _LINES = 64
 _BLOBS = 3
+_REGION = 1 / 3  # of the measured area
+_BORDERED = ("range", "objects", "region")  # what is measured is an area with a border
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +49,9 @@ class Protocol:
 
     kind: "paper-uniform", random samples in the 608x448 centre crop; "paper-erased", the same
         without those in the central 408x248; "range", all depth up to max_range; "lidar", scan
-        lines; "objects", all depth but three large blobs; "sensor", all depth outside the holes of
-        a real depth map; "given", what the data set itself holds.
+        lines; "objects", all depth but three large blobs; "region", all depth but a connected
+        third of the measured area, for frames without dense truth; "sensor", all depth outside the
+        holes of a real depth map; "given", what the data set itself holds.
     points: samples drawn; None is 5 % of all pixels (13 619 of 608x448).
     max_range: [m], None is 3. lines: scan lines, None is 64.
     masks: a folder of depth maps, or of folders with a depth map named depth.
@@ -107,7 +113,8 @@ class PreparedFrame:
     """A frame as a protocol shows it to every method.
 
     image: RGB in 0..255. measurements: [m]. K: intrinsics [px], if known. depth: the truth [m].
-    areas: the pixels to score, by area, all of them with a truth.
+    areas: the pixels to score, by area, all of them with a truth. focus: the area that the protocol
+    is about. known_area: where the protocol measures, if that is an area with a clear border.
     """
 
     frame_id: str
@@ -116,6 +123,8 @@ class PreparedFrame:
     K: Float[Tensor, "3 3"] | None
     depth: Float[Tensor, "height width"]
     areas: Mapping[str, Bool[Tensor, "height width"]]
+    focus: str
+    known_area: Bool[Tensor, "height width"] | None
 
 
 def prepare(sample: RgbdSample, protocol: Protocol, *, seed: int) -> PreparedFrame:
@@ -144,6 +153,8 @@ def prepare(sample: RgbdSample, protocol: Protocol, *, seed: int) -> PreparedFra
         K=None if K is None else crop_intrinsics(K, top=rows.start, left=columns.start),
         depth=depth,
         areas=areas,
+        focus=protocol.focus,
+        known_area=_known_area(measurements, protocol),
     )
 
 
@@ -171,11 +182,22 @@ def _measure(
         return sparsity.scan_lines(truth, protocol.lines or _LINES, generator=generator)
     if protocol.kind == "objects":
         return sparsity.remove_blobs(truth, _BLOBS, generator=generator)
+    if protocol.kind == "region":
+        return sparsity.remove_region(truth, _REGION, generator=generator)
     if protocol.masks is not None:
         return sparsity.keep(truth, _sensor_mask(protocol.masks, size, generator))
     if sample.sparse_depth is None or sample.sparse_mask is None:
         raise InputError("the data set holds no sparse depth; use another protocol than given")
     return Measurements(sparse_depth=sample.sparse_depth, valid_mask=sample.sparse_mask)
+
+
+def _known_area(
+    measurements: Measurements, protocol: Protocol
+) -> Bool[Tensor, "height width"] | None:
+    """All pixels outside the erased centre, or all that were measured."""
+    if protocol.kind == "paper-erased":
+        return ~_centre(measurements.sparse_depth, PAPER_ERASED)
+    return measurements.valid_mask if protocol.kind in _BORDERED else None
 
 
 def _spoil(
