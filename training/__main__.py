@@ -11,40 +11,80 @@ import typer
 
 from training import codec, denoiser, image_branch
 from training.export import export
-
-CHECKPOINT = Path(__file__).parents[1] / "src" / "steered_marigold" / "assets" / "checkpoint"
+from training.start import CHECKPOINT
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Runs = Annotated[Path, typer.Option(help="Folder of logs and weights; a stage resumes from it.")]
 Rooms = Annotated[Path | None, typer.Option(help="Folder of procedural shards.")]
 Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder; without it rooms alone.")]
 Minutes = Annotated[float, typer.Option(help="How long to train.")]
+From = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="CHECKPOINT|scratch",
+        help="A checkpoint folder for what has no weights in RUNS yet, or scratch for ImageNet's "
+        "alone. Default: the embedded checkpoint; scratch without --nyuv2, to keep its terms away.",
+    ),
+]
+
+
+def _start(checkpoint: str | None, nyuv2: Path | None) -> Path | None:
+    """The folder that --from means; None is scratch."""
+    if checkpoint is None:
+        return CHECKPOINT if nyuv2 else None
+    return None if checkpoint == "scratch" else Path(checkpoint)
 
 
 @app.command("image-branch")
 def _image_branch(
-    runs: Runs, rooms: Rooms = None, nyuv2: Nyuv2 = None, minutes: Minutes = 60
+    runs: Runs,
+    rooms: Rooms = None,
+    nyuv2: Nyuv2 = None,
+    minutes: Minutes = 60,
+    checkpoint: From = None,
 ) -> None:
     """Stage 1: the image encoder as a regressor."""
-    image_branch.train(nyuv2, rooms, runs / "image_branch", minutes=minutes)
+    start = _start(checkpoint, nyuv2)
+    image_branch.train(nyuv2, rooms, runs / "image_branch", minutes=minutes, start=start)
 
 
 @app.command("codec")
-def _codec(runs: Runs, rooms: Rooms = None, nyuv2: Nyuv2 = None, minutes: Minutes = 40) -> None:
+def _codec(
+    runs: Runs,
+    rooms: Rooms = None,
+    nyuv2: Nyuv2 = None,
+    minutes: Minutes = 40,
+    checkpoint: From = None,
+) -> None:
     """Stage 2: depth to latents and back; independent of stage 1."""
-    codec.train(nyuv2, rooms, runs / "codec", minutes=minutes)
+    start = _start(checkpoint, nyuv2)
+    codec.train(nyuv2, rooms, runs / "codec", minutes=minutes, start=start)
 
 
 @app.command("denoiser")
-def _denoiser(runs: Runs, rooms: Rooms = None, nyuv2: Nyuv2 = None, minutes: Minutes = 60) -> None:
+def _denoiser(
+    runs: Runs,
+    rooms: Rooms = None,
+    nyuv2: Nyuv2 = None,
+    minutes: Minutes = 60,
+    checkpoint: From = None,
+) -> None:
     """Stage 3: the U-Net on the frozen results of stages 1 and 2."""
-    denoiser.train(nyuv2, rooms, runs, minutes=minutes)
+    denoiser.train(nyuv2, rooms, runs, minutes=minutes, start=_start(checkpoint, nyuv2))
 
 
 @app.command("export")
-def _export(runs: Runs, to: Path = CHECKPOINT) -> None:
+def _export(
+    runs: Runs,
+    to: Path = CHECKPOINT,
+    checkpoint: Annotated[
+        Path | None,
+        typer.Option("--from", help="The denoiser stage's, if stage 1 or 2 has no run in RUNS."),
+    ] = None,
+) -> None:
     """Stage 4: the checkpoint that the package ships."""
-    export(runs, to)
+    export(runs, to, checkpoint)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from training.data import MixedFrames, batches, image_to_model
 from training.image_branch import gradient_loss, held_out_frames
+from training.start import has_run, load_part
 from training.trainer import Batch, Trainer
 
 CROP = 128
@@ -73,9 +74,18 @@ def validate(codec: nn.Module, depths: Tensor) -> dict[str, float]:
     return {"abs_rel": total / len(depths)}
 
 
-def train(nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float) -> None:
-    """Trains the codec; `run/last.pt` holds it."""
+def train(
+    nyuv2: Path | None,
+    rooms: Path | None,
+    run: Path,
+    *,
+    minutes: float,
+    start: Path | None = None,
+) -> None:
+    """Trains the codec; `run/last.pt` holds it. start: the checkpoint to begin with, or None."""
     codec = build().to(memory_format=torch.channels_last)
+    if not has_run(run):
+        load_part(codec, start, "vae")
     generator = torch.Generator().manual_seed(0)
 
     def loss_function(batch: Batch) -> dict[str, Tensor]:

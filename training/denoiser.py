@@ -23,6 +23,7 @@ from training import codec as codec_stage
 from training import image_branch
 from training.data import MixedFrames, batches, image_to_model, normalise
 from training.image_branch import affine_errors, held_out_frames
+from training.start import has_run, load_part
 from training.trainer import Batch, Trainer
 
 TEXT_CHANNELS = 32
@@ -64,16 +65,27 @@ def average_of(run: Path, model: nn.Module) -> nn.Module:
     return model.eval().requires_grad_(False)
 
 
-def load_image_encoder(run: Path) -> ImageEncoder:
-    """The trained image encoder; its output is scaled by `export.assemble`."""
-    regressor = average_of(run, image_branch.build())
-    encoder: ImageEncoder = regressor.encoder  # type: ignore[assignment]
+def load_image_encoder(run: Path, start: Path | None = None) -> ImageEncoder:
+    """The trained image encoder, or without a run that of a checkpoint.
+
+    Only the output of the latter is scaled already; `export.assemble` scales the other's.
+    """
+    regressor = image_branch.build()
+    if start is None or has_run(run):
+        average_of(run, regressor)
+    else:
+        load_part(regressor.encoder, start, "image_encoder")
+    encoder: ImageEncoder = regressor.encoder.eval().requires_grad_(False)
     return encoder
 
 
-def load_codec(run: Path) -> AutoencoderKL:
-    """The trained codec."""
-    return average_of(run, codec_stage.build())
+def load_codec(run: Path, start: Path | None = None) -> AutoencoderKL:
+    """The trained codec, or without a run that of a checkpoint; its output is not scaled."""
+    codec = codec_stage.build()
+    if start is None or has_run(run):
+        return average_of(run, codec)
+    load_part(codec, start, "vae")
+    return codec.eval().requires_grad_(False)
 
 
 @torch.no_grad()
@@ -86,7 +98,8 @@ def encode_depth(codec: AutoencoderKL, depth: Tensor) -> Tensor:
 def told_in_other_units(depth: Tensor, generator: torch.Generator) -> Tensor:
     """Depth [n, 1, height, width] in [-1, 1], stretched and moved at random: no fit is exact."""
     scale, shift = torch.rand(2, len(depth), 1, 1, 1, generator=generator)
-    return (depth * (0.75 + 0.5 * scale) + 0.4 * (shift - 0.5)).clamp(-1.1, 1.1)
+    moved: Tensor = depth * (0.75 + 0.5 * scale) + 0.4 * (shift - 0.5)
+    return moved.clamp(-1.1, 1.1)
 
 
 def draw_holes(depth: Tensor, generator: torch.Generator) -> Tensor:
@@ -158,20 +171,36 @@ def draw_timesteps(count: int, generator: torch.Generator) -> Tensor:
 
 
 def train(
-    nyuv2: Path | None, rooms: Path | None, runs: Path, *, minutes: float, pool: int = 3072
+    nyuv2: Path | None,
+    rooms: Path | None,
+    runs: Path,
+    *,
+    minutes: float,
+    pool: int = 3072,
+    start: Path | None = None,
 ) -> None:
-    """Trains the U-Net on stages 1 and 2 in `runs`; `runs/denoiser/last.pt` holds it."""
-    encoder = load_image_encoder(runs / "image_branch").to(memory_format=torch.channels_last)
-    codec = load_codec(runs / "codec").to(memory_format=torch.channels_last)
+    """Trains the U-Net on stages 1 and 2 in `runs`; `runs/denoiser/last.pt` holds it.
+
+    start: the checkpoint that gives what has no run in `runs`: the U-Net to begin with, and the
+    frozen parts. None: the U-Net begins at random, and stages 1 and 2 must have been run.
+    """
+    encoder = load_image_encoder(runs / "image_branch", start)
+    encoder = encoder.to(memory_format=torch.channels_last)
+    codec = load_codec(runs / "codec", start).to(memory_format=torch.channels_last)
     data = MixedFrames(nyuv2, rooms, rooms_share=0.4, seed=2)
     samples = Pool(encoder, codec, batches(data, 16), pool)
     scales = {
-        "image": 1 / float(samples.samples["image"].float().std()),
+        # a checkpoint's encoder is scaled already: exactly what its U-Net was trained on
+        "image": 1 / float(samples.samples["image"].float().std())
+        if has_run(runs / "image_branch")
+        else 1.0,
         "depth": 1 / float(samples.samples["latents"].float().std()),
     }
     (runs / "denoiser").mkdir(parents=True, exist_ok=True)
     torch.save(scales, runs / "denoiser" / "scales.pt")
     unet = build(encoder.config.latent_channels).to(memory_format=torch.channels_last)
+    if not has_run(runs / "denoiser"):
+        load_part(unet, start, "unet")
     text = torch.zeros(1, 2, TEXT_CHANNELS)
     scheduler = DDIMScheduler(**SCHEDULER)
     generator = torch.Generator().manual_seed(0)
@@ -225,7 +254,8 @@ def train(
                 noise = torch.randn(1, 4, *features.shape[-2:], generator=generator)
                 latents = encode_depth(codec, normalised[None]).float() * scales["depth"]
                 known = torch.ones_like(features[:, :1], dtype=torch.bool)
-                known[(..., *(slice(s.start // 8, -(-s.stop // 8)) for s in HOLE))] = False
+                rows, columns = (slice(s.start // 8, -(-s.stop // 8)) for s in HOLE)
+                known[..., rows, columns] = False
                 told = torch.where(known, latents, noise)
                 both = torch.cat([features.expand(2, -1, -1, -1), torch.cat([noise, told])], dim=1)
                 prompt = text.expand(2, -1, -1)

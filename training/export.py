@@ -46,10 +46,13 @@ def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
     return encoder, tokenizer
 
 
-def assemble(runs: Path) -> SteeredMarigoldPipeline:
-    """The pipeline of a finished training run."""
-    encoder = denoiser.load_image_encoder(runs / "image_branch")
-    codec = denoiser.load_codec(runs / "codec")
+def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
+    """The pipeline of a finished training run.
+
+    start: the checkpoint with which the denoiser stage began, for frozen parts without a run.
+    """
+    encoder = denoiser.load_image_encoder(runs / "image_branch", start)
+    codec = denoiser.load_codec(runs / "codec", start)
     scales = torch.load(runs / "denoiser" / "scales.pt", weights_only=True)
     with torch.no_grad():
         encoder.conv_out.weight *= scales["image"]
@@ -79,10 +82,10 @@ docs/model_card.md.
 """
 
 
-def export(runs: Path, target: Path) -> None:
+def export(runs: Path, target: Path, start: Path | None = None) -> None:
     """Writes the checkpoint of `runs` to the folder `target`, replacing what is there."""
     temporary = target.with_name(target.name + ".part")
     shutil.rmtree(temporary, ignore_errors=True)
-    assemble(runs).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
+    assemble(runs, start).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
     shutil.rmtree(target, ignore_errors=True)
     temporary.replace(target)

@@ -16,6 +16,7 @@ from training.data import (
     read_split,
     resized,
 )
+from training.start import has_run, load_part
 from training.trainer import Batch, Trainer
 
 FROZEN_STAGES = 2
@@ -144,11 +145,23 @@ def validate(model: nn.Module, images: Tensor, depths: Tensor) -> dict[str, floa
 
 
 def train(
-    nyuv2: Path | None, rooms: Path | None, run: Path, *, minutes: float, rooms_share: float = 0.4
+    nyuv2: Path | None,
+    rooms: Path | None,
+    run: Path,
+    *,
+    minutes: float,
+    rooms_share: float = 0.4,
+    start: Path | None = None,
 ) -> None:
-    """Trains the regressor; `run/last.pt` holds it. The curve is measured on the tune split."""
+    """Trains the regressor; `run/last.pt` holds it. The curve is measured on the tune split.
+
+    start: the checkpoint whose encoder to begin with, under a fresh head; None is ImageNet's
+    weights. A checkpoint's encoder has unit output, as `export` scales it, which the head learns.
+    """
     model = build().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     encoder = model.encoder
+    if not has_run(run):
+        load_part(encoder, start, "image_encoder")
     freeze(encoder)
     backbone = [p for p in encoder.stages.parameters() if p.requires_grad]
     ids = {id(p) for p in encoder.stages.parameters()} | {id(p) for p in encoder.stem.parameters()}
