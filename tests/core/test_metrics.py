@@ -7,7 +7,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import spearmanr
+from scipy.stats import norm, spearmanr
 from sklearn.metrics import (
     mean_absolute_error,
     mean_absolute_percentage_error,
@@ -15,9 +15,13 @@ from sklearn.metrics import (
 )
 
 from steered_marigold.core.metrics import (
+    COVERAGE_LEVELS,
+    DROPPED_SHARES,
     DepthMetrics,
     depth_errors,
     exact_mean,
+    seam_step,
+    uncertainty_curves,
     uncertainty_errors,
 )
 from steered_marigold.errors import InputError
@@ -140,6 +144,81 @@ def test_the_error_itself_is_the_perfect_uncertainty(seed: int) -> None:
     constant = uncertainty_errors(prediction, torch.ones_like(truth), truth, mask)
     assert constant.spearman == 0
     assert constant.ause >= perfect.ause
+
+
+@given(seeds)
+def test_curves_against_plain_definitions(seed: int) -> None:
+    prediction, truth, mask = (x[0] for x in images(seed))
+    sigma = 0.1 + torch.rand(truth.shape, generator=torch.Generator().manual_seed(seed + 1))
+    curves = uncertainty_curves(prediction, sigma, truth, mask)
+    e = (prediction - truth).abs()[mask].double().numpy()
+    s = sigma[mask].double().numpy()
+    for level, share in zip(COVERAGE_LEVELS, curves.coverage, strict=True):
+        assert share == pytest.approx(np.mean(e <= norm.ppf((1 + level) / 2) * s))
+    for index, dropped in enumerate(DROPPED_SHARES):
+        kept = max(1, round((1 - dropped) * len(e)))
+        surest = e[np.argsort(s)][:kept].mean() / e.mean()
+        assert curves.by_uncertainty[index] == pytest.approx(surest)
+        assert curves.by_error[index] == pytest.approx(np.sort(e)[:kept].mean() / e.mean())
+
+
+def test_true_uncertainty_covers_what_it_says() -> None:
+    truth = torch.full((200, 200), 50.0)
+    generator = torch.Generator().manual_seed(0)
+    sigma = 0.1 + torch.rand(truth.shape, generator=generator)
+    prediction = truth + sigma * torch.randn(truth.shape, generator=generator)
+    curves = uncertainty_curves(prediction, sigma, truth, torch.ones_like(truth, dtype=torch.bool))
+    assert curves.coverage == pytest.approx(COVERAGE_LEVELS, abs=0.01)
+    assert curves.by_uncertainty[0] == curves.by_error[0] == pytest.approx(1)
+    assert curves.by_error[-1] < curves.by_uncertainty[-1] < 0.5
+
+
+def bordered(seed: int = 0) -> Images:
+    """A smooth truth with some noise, all of it valid, and a rectangle that is not known."""
+    generator = torch.Generator().manual_seed(seed)
+    slope = torch.linspace(2, 3, 40)[None, :] + torch.linspace(0, 1, 30)[:, None]
+    truth = slope * (1 + 0.002 * torch.randn(30, 40, generator=generator))
+    known = torch.ones(30, 40, dtype=torch.bool)
+    known[8:20, 10:25] = False
+    return truth, torch.ones_like(known), known
+
+
+@given(seeds, st.floats(0.2, 5))
+def test_the_truth_has_no_seam_at_any_scale(seed: int, scale: float) -> None:
+    truth, mask, known = bordered(seed)
+    assert seam_step(truth * scale, truth, mask, known) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("jump", [0.05, 0.2, -0.2])
+def test_seam_is_the_jump(jump: float) -> None:
+    truth, mask, known = bordered()
+    smooth = torch.full_like(truth, 2.0)
+    torn = torch.where(known, smooth, smooth * math.exp(jump))
+    constant = torch.full_like(truth, 3.0)
+    assert seam_step(torn, constant, mask, known) == pytest.approx(abs(jump), abs=1e-6)
+    noisy = torch.where(known, truth, truth * math.exp(jump))
+    assert seam_step(noisy, truth, mask, known) == pytest.approx(abs(jump), abs=0.02)
+
+
+def test_a_slope_is_no_seam() -> None:
+    truth, mask, known = bordered()
+    exponential = torch.exp(torch.arange(40.0) / 50)[None, :].expand(30, 40)
+    plane = torch.full_like(truth, 2.0)
+    assert seam_step(exponential, plane, mask, known) == pytest.approx(0, abs=1e-6)
+
+
+def test_edges_and_unknown_truth_do_not_count() -> None:
+    truth, mask, known = bordered()
+    torn = torch.where(known, truth, 2 * truth)
+    assert seam_step(torn, torn, mask, known) is None  # an edge of the truth all along
+    assert seam_step(torn, truth, mask & known, known) is None
+    assert seam_step(torn, truth, mask, mask) is None
+    half = mask.clone()
+    half[:, 20:] = False
+    broken = torch.where(half, torn, torch.nan)
+    step = seam_step(broken, truth, half, known)
+    assert step is not None
+    assert step == pytest.approx(math.log(2), abs=0.02)
 
 
 def test_bad_input() -> None:
