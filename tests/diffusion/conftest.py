@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
+from diffusers import AutoencoderKL, AutoencoderTiny, DDIMScheduler, UNet2DConditionModel
 
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
@@ -52,6 +52,17 @@ def tiny_pipeline(*, with_image_encoder: bool = False) -> SteeredMarigoldPipelin
         default_denoising_steps=3,
         default_processing_resolution=48,
     )
+
+
+def tiny_steering_vae() -> AutoencoderTiny:
+    """A small random codec of TAESD's kind."""
+    torch.manual_seed(0)
+    return AutoencoderTiny(
+        encoder_block_out_channels=(4,) * 4,
+        decoder_block_out_channels=(4,) * 4,
+        num_encoder_blocks=(1,) * 4,
+        num_decoder_blocks=(1,) * 4,
+    ).eval()
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.diffusion.presets import PRESETS
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
+from tests.diffusion.conftest import tiny_steering_vae
 
 HEIGHT, WIDTH = 60, 84
 
@@ -32,7 +33,8 @@ def seeded(seed: int = 5) -> torch.Generator:
 
 
 def stock(pipeline: SteeredMarigoldPipeline) -> Any:
-    components = {k: v for k, v in pipeline.components.items() if k != "image_encoder"}
+    ours = pipeline._optional_components
+    components = {k: v for k, v in pipeline.components.items() if k not in ours}
     pipe = MarigoldDepthPipeline(
         **components,
         prediction_type="depth",
@@ -311,12 +313,72 @@ def test_saves_and_loads_with_its_image_encoder(
 
 
 def test_offload_order_names_every_model(pipeline_with_encoder: SteeredMarigoldPipeline) -> None:
+    pipeline_with_encoder.register_modules(steering_vae=tiny_steering_vae())
     order = SteeredMarigoldPipeline.model_cpu_offload_seq.split("->")
     models = {
         k for k, v in pipeline_with_encoder.components.items() if isinstance(v, torch.nn.Module)
     }
     assert set(order) == models
     assert order.index("text_encoder") < order.index("unet") < order.index("vae")
+
+
+def test_steering_through_a_tiny_vae_leaves_the_vae_alone(
+    pipeline: SteeredMarigoldPipeline,
+) -> None:
+    image, depth, mask = frame()
+    pipeline.register_modules(steering_vae=tiny_steering_vae())
+    calls: list[str] = []
+    encode, decode = pipeline.vae.encode, pipeline.vae.decode
+    pipeline.vae.encode = lambda *a, **k: calls.append("encode") or encode(*a, **k)
+    pipeline.vae.decode = lambda *a, **k: calls.append("decode") or decode(*a, **k)
+    pipeline(
+        image, depth, mask, preset="paper", num_inference_steps=3, steering_codec="tiny",
+        generator=seeded(),
+    )  # fmt: skip
+    assert calls == ["encode", "decode"]  # the image, and the answer
+
+
+def test_a_tiny_codec_that_is_not_there_is_named(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    with pytest.raises(InputError, match="steering_vae"):
+        pipeline(image, depth, mask, preset="paper", steering_codec="tiny")
+
+
+def test_the_record_counts_exact_and_linear_steps(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    for codec in ("exact", "linear"):
+        answer = pipeline(
+            image, depth, mask, preset="paper", num_inference_steps=6, steering_codec=codec,
+            generator=seeded(),
+        )  # fmt: skip
+        assert answer.exact_codec_steps + answer.linear_codec_steps == 6
+        assert answer.exact_codec_steps >= 2
+        assert codec == "linear" or answer.linear_codec_steps == 0
+    unsteered = pipeline(image, depth, mask, preset=None)
+    assert (unsteered.exact_codec_steps, unsteered.linear_codec_steps) == (0, 0)
+
+
+@pytest.mark.parametrize("scheduler", ["DDPMScheduler", "DDIMScheduler", "LCMScheduler"])
+def test_a_restart_runs_the_last_steps_from_the_previous_latents(
+    pipeline: SteeredMarigoldPipeline, scheduler: str
+) -> None:
+    pipeline.scheduler = getattr(diffusers, scheduler).from_config(pipeline.scheduler.config)
+    image, depth, mask = frame()
+    seen: list[int] = []
+
+    def watch(pipe: Any, i: int, t: torch.Tensor, tensors: dict[str, Any]) -> dict[str, Any]:
+        seen.append(int(t))
+        return {}
+
+    previous = torch.zeros(1, 4, 5, 6)
+    pipeline(
+        image, depth, mask, preset=None, num_inference_steps=4, previous_latents=previous,
+        restart=0.5, callback_on_step_end=watch, generator=seeded(),
+    )  # fmt: skip
+    pipeline.scheduler.set_timesteps(4)
+    assert seen == pipeline.scheduler.timesteps.tolist()[2:]
+    with pytest.raises(InputError, match="restart"):
+        pipeline(image, depth, mask, previous_latents=previous, restart=0.0)
 
 
 def test_only_hooked_entry_points_are_called(pipeline: SteeredMarigoldPipeline) -> None:

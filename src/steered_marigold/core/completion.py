@@ -23,6 +23,8 @@ class DepthCompletion:
     measured: True where a measurement was given.
     trusted: True where a measurement was given and believed.
     floored: True where depth was raised to the method's positive minimum.
+    exact_codec_steps, linear_codec_steps: steps of steering that went through the VAE, and through
+        a linear map in its place.
     metric: False only when nothing was measured and the caller asked for an answer all the same.
     """
 
@@ -35,6 +37,8 @@ class DepthCompletion:
     shift: Float[Tensor, " batch"] | None = None
     slope_rejected: Bool[Tensor, " batch"] | None = None
     floored: Bool[Tensor, "batch height width"] | None = None
+    exact_codec_steps: int = 0
+    linear_codec_steps: int = 0
     metric: bool = True
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 class DepthCodec:
-    """A pipeline's VAE for grey depth maps in [-1, 1].
+    """A pipeline's VAE for grey depth maps in [-1, 1]: an `AutoencoderKL` or `AutoencoderTiny`.
 
     Only `vae.encode` and `vae.decode` are called, the entry points that offloading hooks.
     """
@@ -29,8 +29,9 @@ class DepthCodec:
         self, image: Float[Tensor, "batch 3 height width"]
     ) -> Float[Tensor, "batch channels h w"]:
         """Latents of RGB images in [-1, 1]: the posterior's mode, scaled."""
-        latents: Tensor = self.vae.encode(image).latent_dist.mode() * self.scale
-        return latents
+        encoded = self.vae.encode(image)
+        latents: Tensor = encoded.latents if "latents" in encoded else encoded.latent_dist.mode()
+        return latents * self.scale
 
     def decode(
         self, latents: Float[Tensor, "batch channels h w"]

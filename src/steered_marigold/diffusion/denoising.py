@@ -12,11 +12,12 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from steered_marigold.core.steering import Steering, steering_update
 from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.diffusion.linear_codec import LinearCodec
 
 Generators = torch.Generator | list[torch.Generator] | None
 # (step, timestep, {"latents", "predicted_x0", "steering_target"}) -> the latents to go on with
@@ -26,7 +27,8 @@ StepEnd = Callable[[int, Tensor, dict[str, Tensor | None]], Tensor]
 def denoise(
     predict: Callable[[Tensor, Tensor], Tensor],
     scheduler: Any,
-    codec: DepthCodec,
+    timesteps: Int[Tensor, " steps"],
+    codec: DepthCodec | LinearCodec,
     latents: Float[Tensor, "batch channels h w"],
     *,
     steering: Steering | None,
@@ -37,11 +39,12 @@ def denoise(
     """Depth latents from noise (the paper, Algorithm 1).
 
     predict: (latents, timestep) to the U-Net's output. scheduler: with its timesteps set.
+    timesteps: those to run, the last ones of the scheduler's. codec: for steering alone.
     Without steering this is Marigold's own loop, operation by operation.
     """
-    alpha_bar = scheduler.alphas_cumprod[scheduler.timesteps.cpu()]
+    alpha_bar = scheduler.alphas_cumprod[timesteps.cpu()]
     strengths = (steering_strength * (1 - alpha_bar).sqrt()).to(latents)
-    for i, t in enumerate(scheduler.timesteps):
+    for i, t in enumerate(timesteps):
         out = scheduler.step(predict(latents, t), t, latents, generator=generator)
         # LCM's x0 is boundary-scaled and has another name
         predicted_x0 = out["denoised" if "denoised" in out else "pred_original_sample"]

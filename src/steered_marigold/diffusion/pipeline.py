@@ -2,11 +2,17 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, Literal
 
 import diffusers
 import torch
-from diffusers import AutoencoderKL, MarigoldDepthPipeline, UNet2DConditionModel
+from diffusers import (
+    AutoencoderKL,
+    AutoencoderTiny,
+    MarigoldDepthPipeline,
+    UNet2DConditionModel,
+)
 from diffusers.utils.torch_utils import randn_tensor
 from torch import Tensor
 from transformers import CLIPTextModel, CLIPTokenizer
@@ -18,8 +24,9 @@ from steered_marigold.core.steering import ConditionAlignment, Steering
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.denoising import Generators, StepEnd, denoise
 from steered_marigold.diffusion.image_encoder import ImageEncoder
+from steered_marigold.diffusion.linear_codec import LinearCodec
 from steered_marigold.diffusion.measurements import check_measurements, move_to_grid, stack_maps
-from steered_marigold.diffusion.presets import Preset, get_preset
+from steered_marigold.diffusion.presets import Preset, SteeringCodec, get_preset
 from steered_marigold.errors import InputError
 
 Maps = Tensor | Sequence[Tensor]
@@ -29,12 +36,14 @@ CallbackOnStepEnd = Callable[[Any, int, Tensor, dict[str, Any]], dict[str, Any]]
 class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
     """Dense metric depth from an image and incomplete measurements (SteeredMarigold, ICRA 2025).
 
-    Takes every model from a Marigold depth checkpoint, plus one optional component:
-    image_encoder, which stands in for the VAE on the image side of the U-Net.
+    Takes every model from a Marigold depth checkpoint, plus two optional components:
+    image_encoder stands in for the VAE on the image side of the U-Net; steering_vae, such as
+    `AutoencoderTiny` of "madebyollin/taesd", for the VAE while steering with
+    `steering_codec="tiny"`.
     """
 
-    model_cpu_offload_seq = "text_encoder->image_encoder->unet->vae"
-    _optional_components = ["image_encoder"]  # noqa: RUF012 (diffusers' own form)
+    model_cpu_offload_seq = "text_encoder->image_encoder->unet->steering_vae->vae"
+    _optional_components = ["image_encoder", "steering_vae"]  # noqa: RUF012 (diffusers' own form)
     _callback_tensor_inputs = ["latents", "predicted_x0", "steering_target"]  # noqa: RUF012
 
     def __init__(
@@ -45,6 +54,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         text_encoder: CLIPTextModel,
         tokenizer: CLIPTokenizer,
         image_encoder: ImageEncoder | None = None,
+        steering_vae: AutoencoderTiny | None = None,
         prediction_type: str | None = None,
         scale_invariant: bool | None = True,
         shift_invariant: bool | None = True,
@@ -63,7 +73,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             default_denoising_steps,
             default_processing_resolution,
         )
-        self.register_modules(image_encoder=image_encoder)
+        self.register_modules(image_encoder=image_encoder, steering_vae=steering_vae)
         self._text_embeddings: dict[int | None, Tensor] = {}
 
     @torch.no_grad()
@@ -81,12 +91,15 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         anchors: Literal["fixed", "redraw"] | None = None,
         max_anchors: int | None = None,
         condition_alignment: ConditionAlignment | None = None,
+        steering_codec: SteeringCodec | None = None,
         ensemble_size: int | None = None,
         processing_resolution: int | None = None,
         sensor_noise: SensorNoise | None = None,
         confidence: Maps | None = None,
         generator: Generators = None,
         latents: Tensor | None = None,
+        previous_latents: Tensor | None = None,
+        restart: float = 0.5,
         callback_on_step_end: CallbackOnStepEnd | None = None,
         callback_on_step_end_tensor_inputs: Sequence[str] = ("latents",),
         output_type: str = "pt",
@@ -103,7 +116,11 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         anchors: drawn once, or anew in every step. max_anchors: thins the measurements that steer.
         sensor_noise: how closely to meet measurements, for presets that do; None is exactly.
         confidence: in [0, 1], weights the measurements. generator: one, or one for each image.
-        latents: [batch * ensemble_size, 4, h, w], instead of drawing them.
+        steering_codec: "exact" steers through the VAE, "tiny" through `steering_vae`, "linear"
+        through a linear map that is fitted and checked in the run. latents: noise
+        [batch * ensemble_size, 4, h, w], instead of drawing it. previous_latents: clean depth
+        latents of that shape, as of the last frame of a video; then only the last `restart` of the
+        steps is run, from there.
         callback_on_step_end(pipe, step, timestep, tensors): may return {"latents": ...}.
 
         Returns a `DepthCompletion` on the pipeline's device; with output_type "np" a dictionary of
@@ -118,6 +135,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             anchors=anchors,
             max_anchors=max_anchors,
             condition_alignment=condition_alignment,
+            steering_codec=steering_codec,
             ensemble_size=ensemble_size,
             processing_resolution=processing_resolution,
         )
@@ -144,12 +162,20 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             inner = (grid[0] - padding[0], grid[1] - padding[1])
             on_grid = move_to_grid(*measured, inner, grid)
             steering = _steering(settings, on_grid, _fork(generator, images), device)
+        scheduler = self._scheduler(settings, steps)
+        latents, timesteps = latents.to(device, self.dtype), scheduler.timesteps
+        if previous_latents is not None:
+            timesteps = _last(scheduler, restart)
+            clean = previous_latents.to(device, self.dtype)
+            latents = scheduler.add_noise(clean, latents, timesteps[:1])
+        shortcut = self._shortcut(settings.steering_codec, codec)
         with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, steps) as end:
             latents = denoise(
                 self.predictor(image_latents, settings.prompt_tokens),
-                self._scheduler(settings, steps),
-                codec,
-                latents.to(device, self.dtype),
+                scheduler,
+                timesteps,
+                shortcut,
+                latents,
                 steering=steering,
                 steering_strength=settings.steering_strength,
                 generator=noise,
@@ -174,7 +200,13 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 for i, group in enumerate(torch.split(affine, members))
             ]
         self.maybe_free_model_hooks()
-        return _output(join_completions(answers), output_type, return_dict)
+        answer = join_completions(answers)
+        if steering is not None:
+            linear = shortcut.linear_steps if isinstance(shortcut, LinearCodec) else 0
+            answer = replace(
+                answer, exact_codec_steps=len(timesteps) - linear, linear_codec_steps=linear
+            )
+        return _output(answer, output_type, return_dict)
 
     def _checkpoint_defaults(self, settings: Preset) -> tuple[int, int]:
         """(steps, processing resolution) with what the preset leaves to the checkpoint."""
@@ -219,6 +251,16 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             scheduler = kind.from_config(scheduler.config, **changes)
         scheduler.set_timesteps(steps, device=self._execution_device)
         return scheduler
+
+    def _shortcut(self, kind: SteeringCodec, exact: DepthCodec) -> DepthCodec | LinearCodec:
+        """What decodes and encodes in the steps of steering."""
+        if kind == "linear":
+            return LinearCodec(exact)
+        if kind == "exact":
+            return exact
+        if self.steering_vae is None:
+            raise InputError("steering_codec='tiny' needs a checkpoint with a steering_vae")
+        return DepthCodec(self.steering_vae)
 
     def predictor(
         self, image_latents: Tensor, prompt_tokens: int | None = None
@@ -311,6 +353,17 @@ def _steering(
         generators=generators,
         device=device,
     )
+
+
+def _last(scheduler: Any, share: float) -> Tensor:
+    """The last `share` of the scheduler's timesteps, at least one; the scheduler begins there."""
+    if not 0 < share <= 1:
+        raise InputError(f"restart is {share}: it is a share of the steps, above 0 and up to 1")
+    timesteps: Tensor = scheduler.timesteps
+    first = len(timesteps) - max(1, round(share * len(timesteps)))
+    if hasattr(scheduler, "set_begin_index"):
+        scheduler.set_begin_index(first)
+    return timesteps[first:]
 
 
 def _per_member(generator: Generators, images: int, members: int) -> Generators:

@@ -19,6 +19,8 @@ PAPER_SCHEDULER = {
 }
 # coverage of the 90 % interval on the tune split (docs/method.md)
 CALIBRATED = UncertaintyModel(near=0.004, reach=0.85, length=0.02, extrapolation=3.0, spread=0.5)
+# how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
+SteeringCodec = Literal["exact", "tiny", "linear"]
 AS_FITTED = Finishing(robust=False, consistent=False, minimum_depth=None)
 
 
@@ -42,6 +44,7 @@ class Preset:
     anchors: Literal["fixed", "redraw"]
     max_anchors: int | None
     condition_alignment: ConditionAlignment
+    steering_codec: SteeringCodec
     ensemble_size: int
     processing_resolution: int | None
     scheduler: tuple[str | None, dict[str, Any]] | None
@@ -61,6 +64,7 @@ PAPER = Preset(
     anchors="redraw",
     max_anchors=None,
     condition_alignment="least_squares",
+    steering_codec="exact",
     ensemble_size=1,
     processing_resolution=0,
     scheduler=("DDPMScheduler", PAPER_SCHEDULER),
@@ -76,6 +80,7 @@ PLAIN = Preset(
     anchors="fixed",
     max_anchors=None,
     condition_alignment="least_squares",
+    steering_codec="exact",
     ensemble_size=1,
     processing_resolution=None,
     scheduler=None,
@@ -88,6 +93,7 @@ DEFAULT = replace(
     PLAIN,
     max_anchors=4000,
     condition_alignment="minmax",
+    steering_codec="linear",
     ensemble_size=4,
     finishing=Finishing(robust=True, consistent=True, minimum_depth=0.05, uncertainty=CALIBRATED),
 )
