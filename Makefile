@@ -1,10 +1,11 @@
 # make demo: complete the sample frame.  make test, make check: what CI runs.
+# make bench: time and memory on this machine (docs/performance.md).
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests training benchmarks examples
 
-.PHONY: demo test check format
+.PHONY: demo test check format bench
 
 # one environment, one stamp per set of requirements
 $(VENV)/.user: pyproject.toml constraints.txt
@@ -31,3 +32,8 @@ check: $(VENV)/.dev
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
+
+bench: $(VENV)/.user
+	$(BIN)/python -m benchmarks.waiting
+	$(BIN)/python -m benchmarks.performance
+	$(BIN)/python -m benchmarks.growth
