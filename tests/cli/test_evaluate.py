@@ -51,6 +51,7 @@ def test_writes_every_file_of_a_run(frames: Path, tmp_path: Path) -> None:
     assert {path.name for path in out.iterdir()} == {
         "comparisons.csv",
         "per_image.csv",
+        "predictions",
         "report.html",
         "results.jsonl",
         "run.json",
@@ -65,6 +66,16 @@ def test_writes_every_file_of_a_run(frames: Path, tmp_path: Path) -> None:
     ]
     assert "| linear |" in result.stdout
     assert str(out / "report.html") in result.stdout.replace("\n", "")
+
+
+def test_predictions_may_be_left_out(frames: Path, tmp_path: Path) -> None:
+    run = ("folder", frames, *LIDAR, "--limit", 1, "--no-predictions", "-o", tmp_path)
+    assert evaluate(*run).exit_code == 0
+    assert not (tmp_path / "predictions").exists()
+    assert (tmp_path / "report.html").is_file()
+    drawn = CliRunner().invoke(app, ["figures", str(tmp_path)])
+    assert drawn.exit_code == 0, drawn.output
+    assert (tmp_path / "figures" / "comparison.png").is_file()
 
 
 def test_a_killed_run_resumes_to_the_same_summary(frames: Path, tmp_path: Path) -> None:

@@ -4,14 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from steered_marigold.errors import InputError
+from steered_marigold.errors import FileFormatError, InputError
+from steered_marigold.evaluation.calibration_figure import calibration_figure, kept_curves
 from steered_marigold.evaluation.figures import areas_figure, comparison_figure, draw_figures
-from steered_marigold.evaluation.pictures import complete_examples, sparse_picture, truth_picture
+from steered_marigold.evaluation.pictures import example_answers, sparse_picture, truth_picture
 from steered_marigold.evaluation.protocol import Protocol
-from steered_marigold.evaluation.runner import Evaluator
+from steered_marigold.evaluation.runner import Evaluator, run_evaluation
+from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.methods.protocol import DepthCompleter
 
@@ -36,16 +39,70 @@ def paper(tiny: RunSettings, tmp_path: Path) -> RunSettings:
 
 
 def test_draws_the_papers_figures(paper: RunSettings, tmp_path: Path) -> None:
-    paths = draw_figures(paper, tmp_path / "figures")
-    assert [path.name for path in paths] == ["completion.png", "comparison.png", "areas.png"]
+    paper.save(tmp_path)
+    paths = draw_figures(tmp_path, tmp_path / "figures")
+    names = ["completion.png", "comparison.png", "areas.png", "seam.png"]
+    assert [path.name for path in paths] == names
     for path in paths:
         with Image.open(path) as picture:
             assert np.asarray(picture).std() > 5
 
 
-def test_other_protocols_have_no_areas(tiny: RunSettings, tmp_path: Path) -> None:
-    paths = draw_figures(tiny, tmp_path, frame_id="f1")
+def test_other_protocols_have_no_areas_and_no_seam(tiny: RunSettings, tmp_path: Path) -> None:
+    tiny.save(tmp_path)
+    paths = draw_figures(tmp_path, tmp_path / "figures", frame_id="f1")
     assert [path.name for path in paths] == ["completion.png", "comparison.png"]
+
+
+def test_kept_answers_are_drawn_and_not_completed_again(
+    tiny: RunSettings, tmp_path: Path, failing_on: Factories
+) -> None:
+    settings = replace(
+        tiny, methods=("wrapped",), frames=("f0", "f2"), protocol=Protocol(kind="objects")
+    )
+    run_evaluation(settings, tmp_path, create=failing_on(tiny.path / "rgb" / "f1.png"))
+
+    def nothing(name: str) -> DepthCompleter:
+        raise AssertionError(name)
+
+    paths = draw_figures(tmp_path, tmp_path / "figures", create=nothing)
+    names = ["completion.png", "comparison.png", "seam.png", "calibration.png"]
+    assert [path.name for path in paths] == names
+
+
+def test_calibration_is_the_mean_over_images(
+    tiny: RunSettings, tmp_path: Path, failing_on: Factories
+) -> None:
+    settings = replace(tiny, methods=("wrapped", "linear"))
+    run = run_evaluation(settings, tmp_path, create=failing_on(tiny.path / "rgb" / "f1.png"))
+    curves = kept_curves(tmp_path, settings)
+    assert list(curves) == ["wrapped"]
+    images = [x.curves for x in run.results["wrapped"] if x.curves is not None]
+    assert len(images) == 3
+    for name in ("coverage", "by_uncertainty", "by_error"):
+        expected = np.mean([image[name] for image in images], axis=0)
+        assert getattr(curves["wrapped"], name) == pytest.approx(tuple(expected))
+    figure = calibration_figure(curves)
+    assert figure is not None
+    assert len(figure.axes[0].lines) == 2
+    assert calibration_figure({}) is None
+
+
+def test_seam_is_drawn_where_the_hole_is(paper: RunSettings) -> None:
+    evaluator = Evaluator(paper)
+    frame = evaluator.prepare("a")
+    figure = seam_figure(frame, example_answers(evaluator, ("nearest",), ("a",))["a"])
+    assert figure is not None
+    whole, near = figure.axes
+    assert whole.get_title() == "row 224"
+    left, right = near.get_xlim()
+    assert left < 100 < right
+    assert [line.get_label() for line in whole.lines] == ["truth", "nearest"]
+    np.testing.assert_array_equal(whole.lines[0].get_ydata(), frame.depth[224].numpy())
+    assert seam_figure(replace(frame, known_area=None), {}) is None
+    assert (
+        seam_figure(replace(frame, known_area=torch.ones(448, 608, dtype=torch.bool)), {}) is None
+    )
 
 
 def test_areas_are_centred(paper: RunSettings) -> None:
@@ -58,7 +115,7 @@ def test_areas_are_centred(paper: RunSettings) -> None:
 
 def test_a_failing_method_leaves_its_place_empty(tiny: RunSettings, failing_on: Factories) -> None:
     evaluator = Evaluator(tiny, failing_on(tiny.path / "rgb" / "f1.png"))
-    answers = complete_examples(evaluator, ("wrapped", "linear"), ("f0", "f1"))
+    answers = example_answers(evaluator, ("wrapped", "linear"), ("f0", "f1"))
     assert {frame: set(methods) for frame, methods in answers.items()} == {
         "f0": {"wrapped", "linear"},
         "f1": {"linear"},
@@ -79,7 +136,10 @@ def test_pictures_show_what_is_known(tiny: RunSettings, lines: int, enlarged: bo
 
 
 def test_bad_input(tiny: RunSettings, tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"run\.json: no such file"):
+        draw_figures(tmp_path, tmp_path)
+    replace(tiny, methods=("bpnet",)).save(tmp_path)
     with pytest.raises(InputError, match="frame 'f9' is not in the run"):
-        draw_figures(tiny, tmp_path, frame_id="f9")
+        draw_figures(tmp_path, tmp_path, frame_id="f9")
     with pytest.raises(InputError, match="no method of the run could complete frame f2"):
-        draw_figures(replace(tiny, methods=("bpnet",)), tmp_path)
+        draw_figures(tmp_path, tmp_path)

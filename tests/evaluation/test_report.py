@@ -12,8 +12,9 @@ from steered_marigold.evaluation.published import ERASED, UNIFORM, published_row
 from steered_marigold.evaluation.report import extreme_frames, write_outputs
 from steered_marigold.evaluation.runner import Run, run_evaluation
 from steered_marigold.evaluation.settings import RunSettings
+from steered_marigold.evaluation.statistics import PairedDifference
 from steered_marigold.evaluation.summary import METRICS, compare, summarize
-from steered_marigold.evaluation.tables import area_table, to_latex, to_markdown
+from steered_marigold.evaluation.tables import area_table, comparison_table, to_latex, to_markdown
 from steered_marigold.methods.protocol import DepthCompleter
 
 PAPER = Path(__file__).resolve().parents[3] / "shared" / "paper" / "steered_marigold.tex"
@@ -60,6 +61,38 @@ def test_comparisons_pair_the_images(finished: tuple[Run, Path]) -> None:
     assert paired.difference == pytest.approx(expected)
     assert written.difference["hidden", "rmse_m"] == pytest.approx(expected)
     assert set(written.reference) == {"nearest"}
+
+
+def test_every_method_is_compared_with_the_reference_in_every_area(
+    finished: tuple[Run, Path],
+) -> None:
+    _, folder = finished
+    written = pd.read_csv(folder / "comparisons.csv")
+    assert len(written) == 3 * len(METRICS)
+    assert set(written.verdict) == {"not distinguishable"}  # of four images
+    text = (folder / "table.md").read_text()
+    line = "- nearest against linear: not distinguishable in REL, δ1, RMSE, MAE."
+    assert text.count(line) == 3
+    assert (folder / "report.html").read_text().count(f"<p>{line[2:]}</p>") == 3
+
+
+def test_the_verdict_knows_which_way_is_better() -> None:
+    def paired(difference: float, images: int = 9) -> PairedDifference:
+        low, high = difference - 0.1, difference + 0.1
+        return PairedDifference(difference=difference, low=low, high=high, images=images)
+
+    compared = {
+        ("linear", "abs_rel"): paired(1.0),
+        ("linear", "delta1"): paired(1.0),
+        ("linear", "rmse_m"): paired(-1.0),
+        ("linear", "mae_m"): paired(0.0),
+        ("telea", "abs_rel"): paired(1.0, images=5),
+        ("telea", "delta1"): paired(-1.0),
+    }
+    assert comparison_table(compared, "full", "steered").notes == (
+        "steered against linear: better in REL; worse in δ1, RMSE; not distinguishable in MAE.",
+        "steered against telea: better in δ1; not distinguishable in REL.",
+    )
 
 
 def test_best_is_bold_and_columns_have_the_papers_order(finished: tuple[Run, Path]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from steered_marigold.core.metrics import depth_errors
+from steered_marigold.core.metrics import depth_errors, seam_step
 from steered_marigold.errors import (
     CheckpointError,
     FileFormatError,
@@ -87,8 +87,44 @@ def test_frames_and_methods_may_be_added(tiny: RunSettings, tmp_path: Path) -> N
     small = replace(tiny, methods=("nearest",), frames=tiny.frames[:2])
     assert len(run_evaluation(small, tmp_path).results["nearest"]) == 2
     done: list[str] = []
-    run_evaluation(tiny, tmp_path, on_result=lambda result, *_: done.append(result.method))
+    grown = run_evaluation(tiny, tmp_path, on_result=lambda result, *_: done.append(result.method))
     assert (done.count("nearest"), done.count("linear")) == (2, 4)
+    assert figures(grown) == figures(run_evaluation(tiny, tmp_path / "at once"))
+
+
+def test_shards_of_a_run_add_up_exactly(tiny: RunSettings, tmp_path: Path) -> None:
+    """Frames in two folders, their results in one, in any order: the figures of the whole."""
+    whole = run_evaluation(tiny, tmp_path / "whole")
+    lines: list[bytes] = []
+    for name, frames in (("a", ("f3", "f1")), ("b", ("f0", "f2"))):
+        run_evaluation(replace(tiny, frames=frames), tmp_path / name)
+        lines += (tmp_path / name / "results.jsonl").read_bytes().splitlines(keepends=True)
+    tiny.save(tmp_path)
+    (tmp_path / "results.jsonl").write_bytes(b"".join(reversed(lines)))
+    merged = run_evaluation(tiny, tmp_path, on_result=lambda *_: pytest.fail("done again"))
+    assert figures(merged) == figures(whole)
+
+
+def test_seam_and_curves_are_recorded_where_they_exist(
+    tiny: RunSettings, tmp_path: Path, failing_on: Callable[[Path], Factory]
+) -> None:
+    settings = replace(tiny, protocol=Protocol(kind="objects"), methods=("nearest", "wrapped"))
+    run = run_evaluation(settings, tmp_path / "a", create=failing_on(tiny.path / "rgb" / "f1.png"))
+    frame = Evaluator(settings).prepare("f2")
+    assert frame.known_area is not None
+    answer = Evaluator(settings).complete("nearest", frame)
+    expected = seam_step(answer.depth[0], frame.depth, frame.areas["full"], frame.known_area)
+    assert run.results["nearest"][2].seam_step == expected
+    assert run.results["nearest"][2].curves is None
+    curves = run.results["wrapped"][2].curves
+    assert curves is not None
+    assert set(curves) == {"coverage", "by_uncertainty", "by_error"}
+    row = next(row for row in figures(run) if (row["method"], row["area"]) == ("nearest", "full"))
+    seams = [x.seam_step for x in run.results["nearest"] if x.seam_step is not None]
+    assert row["seam_step"] == pytest.approx(sum(seams) / len(seams))
+    lidar = run_evaluation(tiny, tmp_path / "b")
+    assert all(x.seam_step is None for x in lidar.results["nearest"])
+    assert "seam_step" not in figures(lidar)[0]
 
 
 def test_another_run_in_the_folder_is_refused(tiny: RunSettings, tmp_path: Path) -> None:

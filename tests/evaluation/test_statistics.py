@@ -59,6 +59,13 @@ def test_pairing_sees_what_the_means_hide() -> None:
     assert paired.difference == pytest.approx(-0.1, abs=0.03)
 
 
+@pytest.mark.parametrize(("images", "significant"), [(5, False), (6, True)])
+def test_a_handful_of_images_proves_nothing(images: int, significant: bool) -> None:
+    first = {str(frame): 1.0 for frame in range(images)}
+    second = {str(frame): 2.0 for frame in range(images)}
+    assert paired_comparison(first, second).significant == significant
+
+
 def test_only_shared_images_count() -> None:
     paired = paired_comparison({"a": 1.0, "b": 5.0}, {"b": 3.0, "c": 100.0})
     assert (paired.difference, paired.low, paired.high, paired.images) == (2, 2, 2, 1)

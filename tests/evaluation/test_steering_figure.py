@@ -60,8 +60,9 @@ def test_nothing_is_recorded_without_steering(
 def test_is_drawn_for_the_first_method_that_steers(
     completer: SteeredCompleter, tiny: RunSettings, tmp_path: Path
 ) -> None:
+    replace(tiny, methods=("linear", "steered:paper")).save(tmp_path)
     paths = draw_figures(
-        replace(tiny, methods=("linear", "steered:paper")),
+        tmp_path,
         tmp_path / "figures",
         create=lambda name: completer if name == "steered:paper" else create_method(name),
     )

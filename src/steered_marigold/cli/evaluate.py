@@ -92,6 +92,9 @@ def evaluate(
     overwrite: Annotated[
         bool, _run("--overwrite", help="Begin anew if the folder holds a run.")
     ] = False,
+    predictions: Annotated[
+        bool, _run("--predictions/--no-predictions", help="Keep the depth of every answer.")
+    ] = True,
 ) -> None:
     """Compare methods on a data set, and write tables and a report.
 
@@ -133,7 +136,9 @@ def evaluate(
         dtype=None if dtype is None else dtype.value,
         weights=dict(_method_and_file(item) for item in filter(None, weights.split(","))),
     )
-    run = _run_with_progress(settings, output, workers=workers, overwrite=overwrite)
+    run = _run_with_progress(
+        settings, output, workers=workers, overwrite=overwrite, keep_predictions=predictions
+    )
     write_outputs(run, output)
     print((output / "table.md").read_text(encoding="utf-8"))
     print(f"report: {output / 'report.html'}")
@@ -162,10 +167,11 @@ def _method_and_file(text: str) -> tuple[str, Path]:
     return method, Path(file).resolve()
 
 
-def _run_with_progress(
-    settings: "RunSettings", folder: Path, *, workers: int, overwrite: bool
-) -> "Run":
-    """Runs, with a bar and the time left on a terminal; failures are told as they happen."""
+def _run_with_progress(settings: "RunSettings", folder: Path, **how: Any) -> "Run":
+    """Runs, with a bar and the time left on a terminal; failures are told as they happen.
+
+    how: workers, overwrite and keep_predictions of `run_evaluation`.
+    """
     from rich.console import Console
     from rich.progress import Progress
 
@@ -181,11 +187,4 @@ def _run_with_progress(
             if result.error:
                 say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
 
-        return run_evaluation(
-            settings,
-            folder,
-            workers=workers,
-            overwrite=overwrite,
-            on_result=on_result,
-            warn=say_warning,
-        )
+        return run_evaluation(settings, folder, on_result=on_result, warn=say_warning, **how)

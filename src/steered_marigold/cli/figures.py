@@ -1,4 +1,4 @@
-"""steered-marigold figures: the paper's figures from a run of evaluate."""
+"""steered-marigold figures: figures from a run of evaluate."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,9 +16,8 @@ def figures(
         str | None, Option(help="Frame id.", show_default="the middle one of the run")
     ] = None,
 ) -> None:
-    """Draw the paper's figures from a run; its methods complete a frame once more."""
+    """Draw the paper's figures from a run, and those of seams and of uncertainty."""
     from steered_marigold.evaluation.figures import draw_figures
-    from steered_marigold.evaluation.settings import RunSettings
 
-    for path in draw_figures(RunSettings.load(run), output or run / "figures", frame_id=frame):
+    for path in draw_figures(run, output or run / "figures", frame_id=frame):
         print(path)

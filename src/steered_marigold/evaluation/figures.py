@@ -10,27 +10,30 @@ from matplotlib.patches import Rectangle
 
 from steered_marigold.core.geometry import center_crop
 from steered_marigold.errors import InputError
+from steered_marigold.evaluation.calibration_figure import calibration_figure, kept_curves
 from steered_marigold.evaluation.pictures import (
     Answers,
-    complete_examples,
+    example_answers,
     panels,
     show,
     show_depth,
     sparse_picture,
     truth_picture,
 )
+from steered_marigold.evaluation.predictions import Predictions
 from steered_marigold.evaluation.protocol import PAPER_AREAS, PreparedFrame, frame_generator
 from steered_marigold.evaluation.runner import Evaluator
+from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
 from steered_marigold.io.files import atomic_write
 from steered_marigold.io.visualization import robust_range
 
-PAPER_KINDS = {"all samples": "paper-uniform", "centre erased": "paper-erased"}
+PAPER_TITLES = {"paper-uniform": "all samples", "paper-erased": "centre erased"}
 
 
 def draw_figures(
-    settings: RunSettings,
+    run: Path,
     folder: Path,
     *,
     frame_id: str | None = None,
@@ -40,37 +43,47 @@ def draw_figures(
 
     completion.png: image, input and completion (the paper's Fig. 1). comparison.png: every method,
     under the paper's protocols with all samples and with the centre erased (Fig. 6). areas.png:
-    the three areas (Fig. 5), under the paper's protocols. steering.png: the direction of steering
-    in the first and the last step (Fig. 4), of the run's first method that steers. Methods are run
-    again; those that cannot are left out.
+    the three areas (Fig. 5), under the paper's protocols. seam.png: depth along a row, where a
+    border lies in it. steering.png: the direction of steering in the first and the last step
+    (Fig. 4), of the run's first method that steers. calibration.png: of all frames, if a method
+    states its uncertainty. Answers are those that the run kept; methods complete the frame once
+    more for the others and for the steering, and those that cannot are left out.
 
-    Raises InputError if the run has no such frame, or no method can complete it.
+    Raises FileFormatError if there is no run, InputError if it has no such frame, or no method can
+    complete it.
     """
+    settings = RunSettings.load(run)
     frame_id = frame_id or settings.frames[len(settings.frames) // 2]
     if frame_id not in settings.frames:
         raise InputError(f"frame {frame_id!r} is not in the run; its first is {settings.frames[0]}")
-    kinds = {"": settings.protocol.kind}
-    if settings.protocol.from_paper:
-        kinds = PAPER_KINDS
+    shown = _answers(run, settings, frame_id, create)
+    frame, answers = shown[PAPER_TITLES.get(settings.protocol.kind, "")]
+    figures: dict[str, Figure | None] = {
+        "completion": completion_figure(frame, answers),
+        "comparison": comparison_figure(shown),
+        "areas": areas_figure(frame) if settings.protocol.from_paper else None,
+        "seam": seam_figure(frame, answers),
+        "steering": _steering_figure(Evaluator(settings, create), frame, answers),
+        "calibration": calibration_figure(kept_curves(run, settings)),
+    }
+    return [_save(x, folder / f"{name}.png") for name, x in figures.items() if x is not None]
+
+
+def _answers(
+    run: Path, settings: RunSettings, frame_id: str, create: MethodFactory | None
+) -> dict[str, tuple[PreparedFrame, Answers]]:
+    """The frame and its answers by title: the run's own, and the paper's other protocol."""
+    own = settings.protocol.kind
     shown: dict[str, tuple[PreparedFrame, Answers]] = {}
-    for title, kind in kinds.items():
+    for kind, title in (PAPER_TITLES if own in PAPER_TITLES else {own: ""}).items():
         protocol = replace(settings.protocol, kind=kind)
-        evaluator = Evaluator(replace(settings, protocol=protocol), create)
-        answers = complete_examples(evaluator, settings.methods, [frame_id])[frame_id]
+        kept = Predictions(settings, run) if kind == own else None
+        evaluator = Evaluator(replace(settings, protocol=protocol), create, kept)
+        answers = example_answers(evaluator, settings.methods, [frame_id])[frame_id]
         if not answers:
             raise InputError(f"no method of the run could complete frame {frame_id}")
         shown[title] = evaluator.prepare(frame_id), answers
-    frame, answers = next(x for t, x in shown.items() if kinds[t] == settings.protocol.kind)
-    figures = {
-        "completion": completion_figure(frame, answers),
-        "comparison": comparison_figure(shown),
-    }
-    if settings.protocol.from_paper:
-        figures["areas"] = areas_figure(frame)
-    steering = _steering_figure(Evaluator(settings, create), frame, answers)
-    if steering is not None:
-        figures["steering"] = steering
-    return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+    return shown
 
 
 def completion_figure(frame: PreparedFrame, answers: Answers) -> Figure:

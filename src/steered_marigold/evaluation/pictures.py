@@ -26,19 +26,18 @@ _ERROR = colormaps["magma"].with_extremes(bad="0.5")
 _SPARSE, _POINT_RADIUS = 0.1, 2  # below this share, measured pixels are drawn with this radius
 
 
-def complete_examples(
+def example_answers(
     evaluator: Evaluator, labels: Iterable[str], frame_ids: Sequence[str]
 ) -> dict[str, Answers]:
     """Answers [m] of methods to a few frames, by frame id and method.
 
-    A method that fails on a frame is left out there.
+    Kept ones where there are any; a method that fails on a frame is left out there.
     """
     answers: dict[str, Answers] = {frame_id: {} for frame_id in frame_ids}
     for label in labels:
         for frame_id in frame_ids:
             with suppress(Exception):  # the run has counted and reported it
-                completion = evaluator.complete(label, evaluator.prepare(frame_id))
-                answers[frame_id][label] = completion.depth[0].cpu()
+                answers[frame_id][label] = evaluator.depth(label, evaluator.prepare(frame_id))
     return answers
 
 

@@ -40,7 +40,7 @@ _MAX_RANGE_M = 3.0
 _LINES = 64
 _BLOBS = 3
 _REGION = 1 / 3  # of the measured area
-_BORDERED = ("range", "objects", "region")  # what is measured is an area with a border
+_BORDERED = ("paper-erased", "range", "objects", "region")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +95,11 @@ class Protocol:
     def from_paper(self) -> bool:
         """Whether frames are cropped and scored as in the paper."""
         return self.kind.startswith("paper-")
+
+    @property
+    def bordered(self) -> bool:
+        """Whether an area with a clear border is measured."""
+        return self.kind in _BORDERED
 
     @property
     def areas(self) -> tuple[str, ...]:
@@ -197,7 +202,7 @@ def _known_area(
     """All pixels outside the erased centre, or all that were measured."""
     if protocol.kind == "paper-erased":
         return ~_centre(measurements.sparse_depth, PAPER_ERASED)
-    return measurements.valid_mask if protocol.kind in _BORDERED else None
+    return measurements.valid_mask if protocol.bordered else None
 
 
 def _spoil(

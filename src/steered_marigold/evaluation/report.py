@@ -10,7 +10,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from steered_marigold.evaluation.pictures import complete_examples, frame_picture
+from steered_marigold.evaluation.pictures import example_answers, frame_picture
+from steered_marigold.evaluation.predictions import Predictions
 from steered_marigold.evaluation.runner import Evaluator, Run
 from steered_marigold.evaluation.settings import MethodFactory
 from steered_marigold.evaluation.summary import (
@@ -47,8 +48,8 @@ img { max-width: 100% } pre { background: #f6f6f6; padding: 1em; overflow: auto 
 def write_outputs(run: Run, folder: Path, *, create: MethodFactory | None = None) -> None:
     """Writes summary.json, per_image.csv, comparisons.csv, table.md, table.tex and report.html.
 
-    The report's pictures need the answers to a few frames once more: `create` makes the methods,
-    as in `run_evaluation`.
+    The report's pictures show the answers that the run kept in the folder. Where there are none,
+    methods complete the frame once more; `create` makes them, as in `run_evaluation`.
     """
     areas = run.settings.protocol.areas
     summary = summarize(run)
@@ -57,10 +58,11 @@ def write_outputs(run: Run, folder: Path, *, create: MethodFactory | None = None
     write_images(run, folder)
     write_comparisons(run, compared, folder)
     tables = [area_table(run.settings, summary["rows"], area) for area in areas]
-    differences = [comparison_table(compared[area], area) for area in areas]
+    reference = reference_method(run.results)
+    differences = [comparison_table(compared[area], area, reference) for area in areas]
     _write(folder / "table.md", _markdown(run, tables, differences))
     _write(folder / "table.tex", to_latex(tables))
-    pictures = _extreme_pictures(run, create)
+    pictures = _extreme_pictures(run, folder, create)
     _write(folder / "report.html", _html(run, summary, tables, differences, pictures))
 
 
@@ -77,11 +79,11 @@ def extreme_frames(run: Run) -> dict[str, str]:
     }
 
 
-def _extreme_pictures(run: Run, create: MethodFactory | None) -> dict[str, Figure]:
+def _extreme_pictures(run: Run, folder: Path, create: MethodFactory | None) -> dict[str, Figure]:
     """Pictures of the extreme frames by their captions."""
     captions = extreme_frames(run)
-    evaluator = Evaluator(run.settings, create)
-    answers = complete_examples(evaluator, run.results, list(captions))
+    evaluator = Evaluator(run.settings, create, Predictions(run.settings, folder))
+    answers = example_answers(evaluator, run.results, list(captions))
     return {
         caption: frame_picture(evaluator.prepare(frame_id), answers[frame_id])
         for frame_id, caption in captions.items()
@@ -129,6 +131,11 @@ def _headline(run: Run) -> str:
 def _remarks(run: Run) -> list[str]:
     """What a reader of the tables needs to know."""
     remarks = ["In brackets: 95 % bootstrap interval over images. Bold: best of the measured rows."]
+    if run.settings.protocol.bordered:
+        remarks.append(
+            "seam: how much more log depth steps at the border of the known area than beside it, "
+            "beyond what the truth does, over the whole image; 0 is none."
+        )
     if run.settings.official_metrics:
         remarks.append("δ1 as in the authors' script: a negative prediction counts as an inlier.")
     named = {label: run.settings.method_name(label) for label in run.results}
@@ -145,7 +152,7 @@ def _sections(
     for table in differences:
         if table.rows:
             title = f"Paired difference to {reference_method(run.results)}, area {table.area}"
-            yield f"{title} (bold: the interval leaves out 0)", table
+            yield f"{title} (bold: the interval leaves out 0, of at least 6 images)", table
 
 
 def _missing(run: Run) -> list[str]:

@@ -2,12 +2,17 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.core.metrics import depth_errors, uncertainty_errors
+from steered_marigold.core.metrics import (
+    depth_errors,
+    seam_step,
+    uncertainty_curves,
+    uncertainty_errors,
+)
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.evaluation.protocol import PreparedFrame
 
@@ -20,6 +25,8 @@ class ImageResult:
         uncertainty, those of UncertaintyErrors. Areas without pixels are left out.
     seconds: time of `complete` alone. trusted_fraction: share of the measurements that the method
         believed. max_deviation_m: largest change of a believed measurement [m]; None if none was.
+    seam_step: see `core.metrics.seam_step`; None without a border. curves: the fields of
+        UncertaintyCurves in the protocol's focus area, if the method states its uncertainty.
     error: why there is no answer; all else is then empty.
     """
 
@@ -29,6 +36,8 @@ class ImageResult:
     seconds: float | None = None
     trusted_fraction: float | None = None
     max_deviation_m: float | None = None
+    seam_step: float | None = None
+    curves: Mapping[str, Sequence[float]] | None = None
     error: str | None = None
 
 
@@ -56,6 +65,7 @@ def score(
             sigma = completion.uncertainty[0].cpu()
             errors |= asdict(uncertainty_errors(depth, sigma, frame.depth, mask))
         areas[name] = {"valid_pixels": int(mask.sum()), **errors}
+    whole, known = next(iter(frame.areas.values())), frame.known_area
     measured, trusted = completion.measured[0].cpu(), completion.trusted[0].cpu()
     deviation = (depth - frame.measurements.sparse_depth)[trusted & measured].abs()
     return ImageResult(
@@ -65,7 +75,20 @@ def score(
         seconds=seconds,
         trusted_fraction=int((trusted & measured).sum()) / max(int(measured.sum()), 1),
         max_deviation_m=float(deviation.max()) if deviation.numel() else None,
+        seam_step=None if known is None else seam_step(depth, frame.depth, whole, known),
+        curves=_curves(completion, frame),
     )
+
+
+def _curves(
+    completion: DepthCompletion, frame: PreparedFrame
+) -> Mapping[str, Sequence[float]] | None:
+    """Of the stated uncertainty, if there is one, in the focus area, if it has pixels."""
+    mask = frame.areas[frame.focus]
+    if completion.uncertainty is None or not mask.any():
+        return None
+    depth, sigma = completion.depth[0].cpu(), completion.uncertainty[0].cpu()
+    return asdict(uncertainty_curves(depth, sigma, frame.depth, mask))
 
 
 class ResultLog:

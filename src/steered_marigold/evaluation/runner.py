@@ -1,6 +1,7 @@
 """Runs methods on frames, in this process or in several, and remembers each answer's errors."""
 
 import os
+import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -12,9 +13,12 @@ from pathlib import Path
 from time import perf_counter
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
+from steered_marigold.evaluation.predictions import Predictions
 from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog, score
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
@@ -49,10 +53,17 @@ class Evaluator:
     """Completes and scores one image after the other; keeps the last method that it used.
 
     create: makes a method from its name, by default `create_method` with the run's settings.
+    predictions: where the answers are kept; None keeps none.
     """
 
-    def __init__(self, settings: RunSettings, create: MethodFactory | None = None) -> None:
+    def __init__(
+        self,
+        settings: RunSettings,
+        create: MethodFactory | None = None,
+        predictions: Predictions | None = None,
+    ) -> None:
         self.settings = settings
+        self.predictions = predictions
         self._dataset = settings.open_dataset()
         self._create = create or settings.method_factory()
         self._method: tuple[str, DepthCompleter] | None = None
@@ -79,6 +90,13 @@ class Evaluator:
             generator=frame_generator(self.settings.seed, frame.frame_id, "method"),
         )
 
+    def depth(self, label: str, frame: PreparedFrame) -> Float[Tensor, "height width"]:
+        """The method's depth [m]: the kept one, or that of a new completion."""
+        kept = None
+        if self.predictions is not None:
+            kept = self.predictions.read(label, frame.frame_id)
+        return self.complete(label, frame).depth[0].cpu() if kept is None else kept
+
     def evaluate(self, label: str, frame_id: str) -> ImageResult:
         """The errors of one image; whatever goes wrong with it is part of the result."""
         self.method(label)
@@ -88,7 +106,10 @@ class Evaluator:
             completion = self.complete(label, frame)
             seconds = perf_counter() - started
             official = self.settings.official_metrics
-            return score(completion, frame, method=label, seconds=seconds, official=official)
+            result = score(completion, frame, method=label, seconds=seconds, official=official)
+            if self.predictions is not None:
+                self.predictions.write(label, frame_id, completion.depth[0].cpu())
+            return result
         except Exception as error:  # one bad image must not end a run of hours
             message = str(error) if isinstance(error, SteeredMarigoldError) else repr(error)
             return ImageResult(
@@ -103,6 +124,7 @@ def run_evaluation(
     create: MethodFactory | None = None,
     workers: int = 1,
     overwrite: bool = False,
+    keep_predictions: bool = True,
     on_result: OnResult = lambda result, done, total: None,
     warn: Callable[[str], None] = lambda sentence: None,
 ) -> Run:
@@ -110,13 +132,14 @@ def run_evaluation(
 
     A run that was stopped goes on where it was; images that failed are tried again. More frames
     or methods may be added to a folder, all else must be the same. `create` must be picklable if
-    there are several workers. `on_result` gets each result, how many are done, and of how many;
-    `warn` a sentence for each method that is left out.
+    there are several workers. `keep_predictions`: see `Predictions`. `on_result` gets each result,
+    how many are done, and of how many; `warn` a sentence for each method that is left out.
 
     Raises InputError if the folder holds another run (unless `overwrite`), CheckpointError if no
     method can run, SteeredMarigoldError if a worker process died.
     """
-    evaluator = Evaluator(settings, create)
+    predictions = Predictions(settings, folder) if keep_predictions else None
+    evaluator = Evaluator(settings, create, predictions)
     left_out = _missing_methods(evaluator)
     for label, reason in left_out.items():
         warn(f"{label} is left out: {reason}")
@@ -131,7 +154,7 @@ def run_evaluation(
     work = (
         (evaluator.evaluate(*task) for task in todo)
         if workers == 1
-        else _in_processes(todo, (settings, create, threads), workers)
+        else _in_processes(todo, (threads, settings, create, predictions), workers)
     )
     for done, result in enumerate(work, start=len(wanted) - len(todo) + 1):
         log.append(result)
@@ -162,8 +185,9 @@ def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> Result
     log = ResultLog(folder / "results.jsonl")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if overwrite:
-            log.path.unlink(missing_ok=True)
+        if overwrite and log.path.is_file():
+            log.path.unlink()
+            shutil.rmtree(Predictions(settings, folder).folder, ignore_errors=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot hold a run ({error.strerror})") from error
     if log.path.is_file():
@@ -179,9 +203,14 @@ def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> Result
 
 
 def _in_processes(
-    tasks: Sequence[Task], worker: tuple[RunSettings, MethodFactory | None, int], workers: int
+    tasks: Sequence[Task],
+    worker: tuple[int, RunSettings, MethodFactory | None, Predictions | None],
+    workers: int,
 ) -> Iterator[ImageResult]:
-    """Results as they come. Workers end with this process, however it ends."""
+    """Results as they come; `worker` is what `_start_worker` takes.
+
+    Workers end with this process, however it ends.
+    """
     pool = ProcessPoolExecutor(
         max_workers=workers,
         mp_context=get_context("spawn"),
@@ -203,12 +232,17 @@ def _in_processes(
 _evaluator: Evaluator
 
 
-def _start_worker(settings: RunSettings, create: MethodFactory | None, threads: int) -> None:
+def _start_worker(
+    threads: int,
+    settings: RunSettings,
+    create: MethodFactory | None,
+    predictions: Predictions | None,
+) -> None:
     global _evaluator
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends workers without their tracebacks
     threading.Thread(target=_end_with_parent, daemon=True).start()
     torch.set_num_threads(threads)
-    _evaluator = Evaluator(settings, create)
+    _evaluator = Evaluator(settings, create, predictions)
 
 
 def _end_with_parent() -> None:

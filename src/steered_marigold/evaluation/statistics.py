@@ -12,6 +12,7 @@ from steered_marigold.errors import InputError
 
 _RESAMPLES = 5_000
 _SEED = 0
+_LEAST_IMAGES = 6  # all of fewer have the same sign by chance in more than 1 of 20 cases
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +26,8 @@ class PairedDifference:
 
     @property
     def significant(self) -> bool:
-        """Whether the interval leaves out 0."""
-        return self.low > 0 or self.high < 0
+        """Whether the interval leaves out 0, of at least 6 images."""
+        return self.images >= _LEAST_IMAGES and (self.low > 0 or self.high < 0)
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:

@@ -32,11 +32,11 @@ KITTI_METRICS = ("irmse_per_km", "imae_per_km")
 _IMAGE_COLUMNS = (
     *("frame", "method", "area"),
     *(*METRICS, "delta2", "delta3", "valid_pixels", "seconds"),
-    *(*UNCERTAINTY_METRICS, "trusted_fraction", "max_deviation_m", *KITTI_METRICS),
+    *(*UNCERTAINTY_METRICS, "trusted_fraction", "max_deviation_m", "seam_step", *KITTI_METRICS),
 )
 _COMPARISON_COLUMNS = (
     *("method", "reference", "area", "metric"),
-    *("difference", "low", "high", "images"),
+    *("difference", "low", "high", "images", "verdict"),
 )
 
 Comparison = dict[tuple[str, str], PairedDifference]
@@ -81,6 +81,13 @@ def compare(run: Run, *, area: str) -> Comparison:
     return compared
 
 
+def verdict(key: str, paired: PairedDifference) -> str:
+    """What the difference of a method less the reference says of the reference."""
+    if not paired.significant:
+        return "not distinguishable"
+    return "better" if (paired.difference > 0) == (key != "delta1") else "worse"
+
+
 def write_summary(summary: Mapping[str, Any], folder: Path) -> None:
     """Writes summary.json."""
     with atomic_write(folder / "summary.json") as path:
@@ -102,7 +109,14 @@ def write_comparisons(run: Run, compared: Mapping[str, Comparison], folder: Path
     """Writes comparisons.csv: a row a method, area and metric. compared: by area."""
     reference = reference_method(run.results)
     rows = [
-        {"method": method, "reference": reference, "area": area, "metric": key, **vars(paired)}
+        {
+            "method": method,
+            "reference": reference,
+            "area": area,
+            "metric": key,
+            **vars(paired),
+            "verdict": verdict(key, paired),
+        }
         for area, differences in compared.items()
         for (method, key), paired in differences.items()
     ]
@@ -111,7 +125,7 @@ def write_comparisons(run: Run, compared: Mapping[str, Comparison], folder: Path
 
 def _row(run: Run, method: str, area: str) -> dict[str, Any]:
     results = run.results[method]
-    optional = [*UNCERTAINTY_METRICS, "trusted_fraction"]
+    optional = [*UNCERTAINTY_METRICS, "trusted_fraction", "seam_step"]
     if run.settings.dataset == "kitti":
         optional += KITTI_METRICS
     values = {
@@ -168,6 +182,7 @@ def _per_image(result: ImageResult) -> dict[str, float | None]:
         "seconds": result.seconds,
         "trusted_fraction": result.trusted_fraction,
         "max_deviation_m": result.max_deviation_m,
+        "seam_step": result.seam_step,
     }
 
 

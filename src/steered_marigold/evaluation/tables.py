@@ -8,7 +8,7 @@ from typing import Any
 
 from steered_marigold.evaluation.published import published_rows
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.evaluation.summary import METRICS, UNCERTAINTY_METRICS, Comparison
+from steered_marigold.evaluation.summary import METRICS, UNCERTAINTY_METRICS, Comparison, verdict
 
 _KITTI_COLUMNS = ("abs_rel", "delta1", "rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")
 _TITLES = {
@@ -23,7 +23,9 @@ _TITLES = {
     "spearman": "Spearman ↑",
     "ause": "AUSE ↓",
     "coverage90": "coverage of 90 %",
+    "seam_step": "seam",
 }
+_SETPOINTS = ("coverage90", "seam_step")  # best at a value, neither high nor low
 _LATEX = {
     "%": r"\%",
     "_": r"\_",
@@ -45,19 +47,20 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """The rows of one area: first those of the run, then those of the paper."""
+    """The rows of one area: first those of the run, then those of the paper; then sentences."""
 
     area: str
     header: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
-    published: tuple[tuple[Cell, ...], ...]
+    published: tuple[tuple[Cell, ...], ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: str) -> Table:
-    """One area of a summary's rows; columns in the paper's order, then uncertainty and time."""
+    """One area of a summary's rows; columns in the paper's order, then uncertainty, seam, time."""
     rows = [row for row in rows if row["area"] == area]
     keys = [*(_KITTI_COLUMNS if settings.dataset == "kitti" else METRICS)]
-    keys += [key for key in UNCERTAINTY_METRICS if any(key in row for row in rows)]
+    keys += [key for key in (*UNCERTAINTY_METRICS, "seam_step") if any(key in row for row in rows)]
     # a mean without the images that failed is no contest
     whole = [row for row in rows if not row["failed"]]
     best = {
@@ -85,8 +88,8 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     return Table(area, header, tuple(ours), tuple(published))
 
 
-def comparison_table(compared: Comparison, area: str) -> Table:
-    """Differences of methods to the reference; those whose interval leaves out 0 are marked."""
+def comparison_table(compared: Comparison, area: str, reference: str) -> Table:
+    """Differences of methods to the reference, the significant ones marked, and the verdicts."""
     methods = dict.fromkeys(method for method, _ in compared)
     cells = {
         task: Cell(
@@ -100,7 +103,18 @@ def comparison_table(compared: Comparison, area: str) -> Table:
         (Cell(method), *(cells.get((method, key), Cell("–")) for key in METRICS))
         for method in methods
     )
-    return Table(area, ("method", *(_TITLES[key] for key in METRICS)), rows, ())
+    notes = tuple(_verdict(compared, method, reference) for method in methods)
+    return Table(area, ("method", *(_TITLES[key] for key in METRICS)), rows, notes=notes)
+
+
+def _verdict(compared: Comparison, method: str, reference: str) -> str:
+    """E.g. "steered against linear: better in REL, RMSE; not distinguishable in δ1."."""
+    found: dict[str, list[str]] = {"better": [], "worse": [], "not distinguishable": []}
+    for (name, key), paired in compared.items():
+        if name == method:
+            found[verdict(key, paired)].append(_TITLES[key].split()[0])
+    parts = "; ".join(f"{said} in {', '.join(keys)}" for said, keys in found.items() if keys)
+    return f"{reference} against {method}: {parts}."
 
 
 def to_markdown(table: Table) -> str:
@@ -115,6 +129,7 @@ def to_markdown(table: Table) -> str:
             )
         )
     lines += [_pipes(f"*{cell.text}*" for cell in row) for row in table.published]
+    lines += ["", *(f"- {note}" for note in table.notes)] if table.notes else []
     return "\n".join(lines)
 
 
@@ -128,7 +143,8 @@ def to_html(table: Table) -> str:
             for cell in row
         )
         lines.append(f"<tr{style}>{cells}</tr>")
-    return "<table>\n" + "\n".join(lines) + "\n</table>"
+    notes = "".join(f"<p>{escape(note)}</p>" for note in table.notes)
+    return "<table>\n" + "\n".join(lines) + "\n</table>" + notes
 
 
 def to_latex(tables: Sequence[Table]) -> str:
@@ -177,8 +193,8 @@ def _cell(row: Mapping[str, Any], key: str, best: float | None) -> Cell:
 
 
 def _best(key: str, values: Sequence[float]) -> float | None:
-    """The best value; none for a coverage, which is best at its nominal value."""
-    if key == "coverage90" or not values:
+    """The best value, if there is one."""
+    if key in _SETPOINTS or not values:
         return None
     return max(values) if "↑" in _TITLES[key] else min(values)
 
