@@ -5,7 +5,7 @@ Data comes from `python -m training.rooms --output ROOMS --frames 9000`.
 
 import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -85,6 +85,36 @@ def _export(
 ) -> None:
     """Stage 4: the checkpoint that the package ships."""
     export(runs, to, checkpoint)
+
+
+@app.command("evaluate")
+def _evaluate(
+    nyuv2: Annotated[Path, typer.Option(help="NYUv2 folder.")],
+    output: Annotated[Path, typer.Option(help="Folder of figures.json, figures.md, pictures.")],
+    checkpoint: Annotated[str, typer.Option(help="embedded, or a folder.")] = "embedded",
+    split: Annotated[Literal["report", "tune"], typer.Option(help="Held-out frames.")] = "report",
+    limit: Annotated[int | None, typer.Option(help="Frames, evenly spaced.", min=1)] = None,
+    real_frames: Annotated[Path | None, typer.Option(help="Folders of rgb and depth.")] = None,
+    parts: Annotated[str, typer.Option(help="One or several.")] = (
+        "denoiser,calibration,steps,steering,codec,speed,sheet"
+    ),
+    steps: Annotated[str, typer.Option(help="Ascending; the last is steering's.")] = "1,4,10,50",
+    samples: Annotated[int, typer.Option(help="Samples of a frame.", min=2)] = 8,
+) -> None:
+    """Stage 5: what a checkpoint is worth; parts are added to what `output` holds."""
+    from training.evaluation.run import evaluate
+    from training.evaluation.subject import Subject, split_frames
+
+    subject = Subject(
+        checkpoint=checkpoint,
+        nyuv2=nyuv2,
+        frames=split_frames(split, limit),
+        steps=tuple(int(n) for n in steps.split(",")),
+        samples=samples,
+        output=output,
+        real_frames=real_frames,
+    )
+    evaluate(subject, parts.split(","), split)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,131 @@
+"""How the condition's scale and shift move while steering refits them, or does not."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from steered_marigold.core.alignment import fit_scale_shift
+from steered_marigold.core.steering import normalise_condition
+from steered_marigold.diffusion.measurements import move_to_grid
+from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator
+from steered_marigold.evaluation.steering_figure import SteeringStep, record_steering
+from steered_marigold.io.files import atomic_write
+from steered_marigold.methods.registry import create_method
+from steered_marigold.methods.steered import SteeredCompleter
+from training.evaluation.subject import SEED, Row, Subject, evenly_spaced
+
+ALIGNMENTS = ("least_squares", "minmax")
+FRAMES = 3
+PICTURE = "drift.png"
+
+
+@dataclass(frozen=True)
+class Course:
+    """Least-squares maps of a frame's condition to x0D, step by step, and to the truth.
+
+    timesteps: [steps]. fits: scale and shift [steps, 2], in units of [-1, 1]. truth: those to the
+    true depth, normalised as in training.
+    """
+
+    frame_id: str
+    alignment: str
+    timesteps: list[int]
+    fits: list[tuple[float, float]]
+    truth: tuple[float, float]
+
+
+def draw_drift(subject: Subject, methods: Mapping[str, str]) -> tuple[list[Row], str]:
+    """Rows of the last step, and the picture's name. methods: alignments by method name."""
+    courses = []
+    for label, alignment in methods.items():
+        completer = cast(SteeredCompleter, create_method(label, checkpoint=subject.checkpoint))
+        for frame_id in evenly_spaced(subject.frames, FRAMES):
+            frame = subject.prepared("paper-erased", frame_id)
+            generator = frame_generator(SEED, frame_id, "method")
+            steps = record_steering(completer, frame, generator=generator)
+            courses.append(_course(completer.pipeline, frame, alignment, steps))
+    with atomic_write(subject.output / PICTURE) as temporary:
+        _figure(courses).savefig(temporary, format="png")
+    rows = [
+        {
+            "frame": course.frame_id,
+            "condition_alignment": course.alignment,
+            "scale": course.fits[-1][0],
+            "shift": course.fits[-1][1],
+            "true_scale": course.truth[0],
+            "true_shift": course.truth[1],
+        }
+        for course in courses
+    ]
+    return rows, PICTURE
+
+
+def _course(
+    pipeline: SteeredMarigoldPipeline,
+    frame: PreparedFrame,
+    alignment: str,
+    steps: list[SteeringStep],
+) -> Course:
+    depth, known = _measured_on_grid(pipeline, frame, steps[0].predicted)
+    condition = normalise_condition(depth, known)
+    low, high = (float(x) for x in np.percentile(frame.depth.numpy(), (2, 98)))
+    truth = 2 * (depth - low) / (high - low) - 1
+    return Course(
+        frame.frame_id,
+        alignment,
+        [step.timestep for step in steps],
+        [scale_and_shift(condition, step.predicted[None], known) for step in steps],
+        scale_and_shift(condition, truth, known),
+    )
+
+
+def _measured_on_grid(
+    pipeline: SteeredMarigoldPipeline, frame: PreparedFrame, grid: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Measurements [m] and their mask, [1, h, w], where preset `paper` steers."""
+    resolution = 0 if pipeline.image_encoder is None else pipeline.default_processing_resolution
+    image = frame.image.permute(2, 0, 1).float() / 255
+    _, (below, right), _ = pipeline.image_processor.preprocess(image, resolution, "bilinear")
+    height, width = grid.shape
+    measured = frame.measurements
+    return move_to_grid(
+        measured.sparse_depth[None],
+        measured.valid_mask[None],
+        (height - below, width - right),
+        (height, width),
+    )
+
+
+def scale_and_shift(source: Tensor, target: Tensor, mask: Tensor) -> tuple[float, float]:
+    """The least-squares map from source to target [1, height, width] over the mask."""
+    fit = fit_scale_shift(source, target, mask)
+    return float(fit.scale), float(fit.shift)
+
+
+def _figure(courses: list[Course]) -> Figure:
+    """Scale above shift over the steps: a colour a frame, a line style an alignment."""
+    figure = Figure(figsize=(8, 7), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 1, sharex=True)
+    frames = list(dict.fromkeys(course.frame_id for course in courses))
+    colours = {frame: f"C{number}" for number, frame in enumerate(frames)}
+    styles = dict(zip(ALIGNMENTS, ("-", "--"), strict=True))
+    for course in courses:
+        colour, label = colours[course.frame_id], f"{course.frame_id}, {course.alignment}"
+        for i, name in enumerate(("scale", "shift")):
+            values = [fit[i] for fit in course.fits]
+            axes[i].plot(
+                course.timesteps, values, styles[course.alignment], color=colour, label=label
+            )
+            axes[i].axhline(course.truth[i], color=colour, linestyle=":", linewidth=0.8)
+            axes[i].set_ylabel(f"{name} of the condition to x0")
+    axes[0].legend(fontsize=7)
+    axes[1].set_xlabel("timestep (dotted: the fit to the truth)")
+    axes[1].invert_xaxis()
+    return figure
