@@ -401,3 +401,21 @@ def test_only_hooked_entry_points_are_called(pipeline: SteeredMarigoldPipeline) 
     pipeline(*frame(), preset=None, steering_strength=0.1, generator=seeded())
     assert len(inside) == 1 + 2 * 3 + 1
     assert all(inside)
+
+
+@pytest.mark.parametrize("steering_strength", [0.0, 0.3])
+def test_a_mirrored_ensemble_answers_a_mirrored_frame_with_the_mirror_image(
+    pipeline: SteeredMarigoldPipeline, steering_strength: float
+) -> None:
+    image, depth, mask = frame()
+    noise = torch.randn(2, 4, 5, 6, generator=seeded())
+    arguments: dict[str, Any] = {
+        "preset": None, "mirror": True, "ensemble_size": 2, "anchor_fraction": 0.0,
+        "steering_strength": steering_strength,
+    }  # fmt: skip
+    answer = pipeline(image, depth, mask, latents=noise, **arguments)
+    mirrored = pipeline(image.flip(-1), depth.flip(-1), mask.flip(-1), latents=noise.flip(0),
+                        **arguments)  # fmt: skip
+    torch.testing.assert_close(answer.depth, mirrored.depth.flip(-1), rtol=1e-3, atol=1e-3)
+    single = pipeline(image, depth, mask, latents=noise, **arguments | {"mirror": False})
+    assert not torch.allclose(answer.depth, single.depth, atol=1e-3)

@@ -11,15 +11,15 @@
 from collections.abc import Callable
 from typing import Any
 
-import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from steered_marigold.core.steering import Steering, steering_update
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.linear_codec import LinearCodec
+from steered_marigold.diffusion.randomness import Generators
+from steered_marigold.errors import InputError
 
-Generators = torch.Generator | list[torch.Generator] | None
 # (step, timestep, {"latents", "predicted_x0", "steering_target"}) -> the latents to go on with
 StepEnd = Callable[[int, Tensor, dict[str, Tensor | None]], Tensor]
 
@@ -57,3 +57,17 @@ def denoise(
         tensors = {"latents": latents, "predicted_x0": predicted_x0, "steering_target": target}
         latents = step_end(i, t, tensors)
     return latents
+
+
+def last_timesteps(scheduler: Any, share: float) -> Int[Tensor, " steps"]:
+    """The last `share` of the scheduler's timesteps, at least one; the scheduler begins there.
+
+    Raises InputError for a share that is not above 0 and at most 1.
+    """
+    if not 0 < share <= 1:
+        raise InputError(f"restart is {share}: it is a share of the steps, above 0 and up to 1")
+    timesteps: Tensor = scheduler.timesteps
+    first = len(timesteps) - max(1, round(share * len(timesteps)))
+    if hasattr(scheduler, "set_begin_index"):
+        scheduler.set_begin_index(first)
+    return timesteps[first:]

@@ -22,11 +22,17 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.finishing import finish, without_measurements
 from steered_marigold.core.steering import ConditionAlignment, Steering
 from steered_marigold.diffusion.codec import DepthCodec
-from steered_marigold.diffusion.denoising import Generators, StepEnd, denoise
+from steered_marigold.diffusion.denoising import StepEnd, denoise, last_timesteps
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from steered_marigold.diffusion.linear_codec import LinearCodec
-from steered_marigold.diffusion.measurements import check_measurements, move_to_grid, stack_maps
+from steered_marigold.diffusion.measurements import check_measurements, stack_maps
 from steered_marigold.diffusion.presets import Preset, SteeringCodec, get_preset
+from steered_marigold.diffusion.randomness import (
+    Generators,
+    fork_generators,
+    generators_of_members,
+)
+from steered_marigold.diffusion.views import Views
 from steered_marigold.errors import InputError
 
 Maps = Tensor | Sequence[Tensor]
@@ -83,7 +89,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         sparse_depth: Maps | None = None,
         valid_mask: Maps | None = None,
         *,
-        preset: str | None = "default",
+        preset: str | Preset | None = "default",
         num_inference_steps: int | None = None,
         steering_strength: float | None = None,
         neighborhood_px: int | None = None,
@@ -93,6 +99,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         condition_alignment: ConditionAlignment | None = None,
         steering_codec: SteeringCodec | None = None,
         ensemble_size: int | None = None,
+        mirror: bool | None = None,
         processing_resolution: int | None = None,
         sensor_noise: SensorNoise | None = None,
         confidence: Maps | None = None,
@@ -110,17 +117,19 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         image: whatever `MarigoldDepthPipeline` takes. sparse_depth: [m], [height, width] or
         [batch, height, width], at the image's size; None for plain Marigold (`metric` is then
         False). valid_mask: where it was measured; None: where it is finite and positive.
-        preset: "paper", "default", "fast", or None for the pipeline as it is; explicit arguments
-        win over it. steering_strength: lambda; 0 does not steer. neighborhood_px: zeta [px] and
-        anchor_fraction: the share of all pixels drawn as anchors, both on the processing grid.
-        anchors: drawn once, or anew in every step. max_anchors: thins the measurements that steer.
+        preset: "paper", "default", "fast", a `Preset`, or None for the pipeline as it is; explicit
+        arguments win over it.
+        steering_strength: lambda; 0 does not steer. neighborhood_px: zeta [px] and anchor_fraction:
+        the share of all pixels drawn as anchors, both on the processing grid. anchors: drawn once,
+        or anew in every step. max_anchors: thins the measurements that steer. steering_codec:
+        "exact" steers through the VAE, "tiny" through `steering_vae`, "linear" through a linear map
+        that is fitted and checked in the run.
+        mirror: every other member of an even ensemble sees the image mirrored.
         sensor_noise: how closely to meet measurements, for presets that do; None is exactly.
         confidence: in [0, 1], weights the measurements. generator: one, or one for each image.
-        steering_codec: "exact" steers through the VAE, "tiny" through `steering_vae`, "linear"
-        through a linear map that is fitted and checked in the run. latents: noise
-        [batch * ensemble_size, 4, h, w], instead of drawing it. previous_latents: clean depth
-        latents of that shape, as of the last frame of a video; then only the last `restart` of the
-        steps is run, from there.
+        latents: noise [batch * ensemble_size, 4, h, w], instead of drawing it.
+        previous_latents: clean depth latents of that shape, as of the last frame of a video; then
+        only the last `restart` of the steps is run, from there.
         callback_on_step_end(pipe, step, timestep, tensors): may return {"latents": ...}.
 
         Returns a `DepthCompletion` on the pipeline's device; with output_type "np" a dictionary of
@@ -137,38 +146,33 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             condition_alignment=condition_alignment,
             steering_codec=steering_codec,
             ensemble_size=ensemble_size,
+            mirror=mirror,
             processing_resolution=processing_resolution,
         )
         device, members = self._execution_device, settings.ensemble_size
         steps, resolution = self._checkpoint_defaults(settings)
         images = self._check(image, steps, members, resolution, latents, generator)
-        # in float32: antialiased resizing knows no half precision on CPUs
-        pixels, padding, size = self.image_processor.preprocess(
-            image, resolution, "bilinear", device, torch.float32
-        )
+        views = self._views(image, resolution, settings)
         measured = None
         if sparse_depth is not None:
-            measured = check_measurements(sparse_depth, valid_mask, images, tuple(size))
+            measured = check_measurements(sparse_depth, valid_mask, images, views.size)
         codec = DepthCodec(self.vae)
         encode = codec.encode_image if self.image_encoder is None else self.image_encoder
-        image_latents = encode(pixels.to(self.dtype)).repeat_interleave(members, dim=0)
-        noise = _per_member(generator, images, members)
+        image_latents = encode(views.pixels.to(self.dtype)).repeat_interleave(views.members, dim=0)
+        noise = generators_of_members(generator, images, members)
         if latents is None:
             shape = (len(image_latents), codec.channels, *image_latents.shape[-2:])
             latents = randn_tensor(shape, noise, device=device, dtype=self.dtype)
-        steering = None
-        if measured is not None and settings.steering_strength != 0:
-            grid = tuple(pixels.shape[-2:])
-            inner = (grid[0] - padding[0], grid[1] - padding[1])
-            on_grid = move_to_grid(*measured, inner, grid)
-            steering = _steering(settings, on_grid, _fork(generator, images), device)
         scheduler = self._scheduler(settings, steps)
         latents, timesteps = latents.to(device, self.dtype), scheduler.timesteps
         if previous_latents is not None:
-            timesteps = _last(scheduler, restart)
+            timesteps = last_timesteps(scheduler, restart)
             clean = previous_latents.to(device, self.dtype)
             latents = scheduler.add_noise(clean, latents, timesteps[:1])
-        shortcut = self._shortcut(settings.steering_codec, codec)
+        steering, shortcut = None, self._shortcut(settings.steering_codec, codec)
+        if measured is not None and settings.steering_strength != 0:
+            forks = fork_generators(generator, images)
+            steering = _steering(settings, views.on_grid(*measured), views.of_each(forks), device)
         with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, steps) as end:
             latents = denoise(
                 self.predictor(image_latents, settings.prompt_tokens),
@@ -181,9 +185,10 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 generator=noise,
                 step_end=end,
             )
-        affine = self.affine_depth(codec.decode(latents), padding, tuple(size))
+        affine = self.affine_depth(codec.decode(latents), views.padding, views.size)
+        groups = views.upright(affine)
         if measured is None:
-            answers = [without_measurements(group) for group in torch.split(affine, members)]
+            answers = [without_measurements(group) for group in groups]
         else:
             maps = None if confidence is None else stack_maps(confidence).float().to(device)
             colour = self._colour(image) if settings.finishing.consistent else None
@@ -197,7 +202,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                     confidence=None if maps is None else maps[i],
                     image=None if colour is None else colour[i],
                 )
-                for i, group in enumerate(torch.split(affine, members))
+                for i, group in enumerate(groups)
             ]
         self.maybe_free_model_hooks()
         answer = join_completions(answers)
@@ -207,6 +212,20 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 answer, exact_codec_steps=len(timesteps) - linear, linear_codec_steps=linear
             )
         return _output(answer, output_type, return_dict)
+
+    def _views(self, image: Any, resolution: int, settings: Preset) -> Views:
+        """The images on the processing grid."""
+        # in float32: antialiased resizing knows no half precision on CPUs
+        pixels, padding, size = self.image_processor.preprocess(
+            image, resolution, "bilinear", self._execution_device, torch.float32
+        )
+        mirrored = settings.mirror and settings.ensemble_size % 2 == 0
+        if mirrored:
+            inner = self.image_processor.unpad_image(pixels, padding).flip(-1)
+            flipped, _ = self.image_processor.pad_image(inner, self.vae_scale_factor)
+            pixels = torch.stack([pixels, flipped], dim=1).flatten(0, 1)
+        members = settings.ensemble_size // (2 if mirrored else 1)
+        return Views(pixels, tuple(padding), tuple(size), members, mirrored)
 
     def _checkpoint_defaults(self, settings: Preset) -> tuple[int, int]:
         """(steps, processing resolution) with what the preset leaves to the checkpoint."""
@@ -353,43 +372,6 @@ def _steering(
         generators=generators,
         device=device,
     )
-
-
-def _last(scheduler: Any, share: float) -> Tensor:
-    """The last `share` of the scheduler's timesteps, at least one; the scheduler begins there."""
-    if not 0 < share <= 1:
-        raise InputError(f"restart is {share}: it is a share of the steps, above 0 and up to 1")
-    timesteps: Tensor = scheduler.timesteps
-    first = len(timesteps) - max(1, round(share * len(timesteps)))
-    if hasattr(scheduler, "set_begin_index"):
-        scheduler.set_begin_index(first)
-    return timesteps[first:]
-
-
-def _per_member(generator: Generators, images: int, members: int) -> Generators:
-    """One generator for each ensemble member, so that a batch draws as its images would alone.
-
-    A single generator for several images is passed on: diffusers then draws for all at once.
-    """
-    if isinstance(generator, torch.Generator):
-        return generator if images > 1 else [generator] * members
-    return None if generator is None else [g for g in generator for _ in range(members)]
-
-
-def _fork(generator: Generators, images: int) -> list[torch.Generator]:
-    """A CPU generator for the anchors of each image, seeded from the caller's generator.
-
-    The seed comes from a copy, so the caller's noise stream does not move.
-    """
-    sources = generator if isinstance(generator, list) else [generator]
-    forks = []
-    for source in sources:
-        source = torch.default_generator if source is None else source
-        copy = torch.Generator(source.device)
-        copy.set_state(source.get_state())
-        seed = torch.randint(2**62, (), generator=copy, device=source.device)
-        forks.append(torch.Generator().manual_seed(int(seed)))
-    return forks if len(forks) == images else forks * images
 
 
 def _output(answer: DepthCompletion, output_type: str, return_dict: bool) -> Any:

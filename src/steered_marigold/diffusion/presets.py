@@ -46,6 +46,7 @@ class Preset:
     condition_alignment: ConditionAlignment
     steering_codec: SteeringCodec
     ensemble_size: int
+    mirror: bool
     processing_resolution: int | None
     scheduler: tuple[str | None, dict[str, Any]] | None
     prompt_tokens: int | None
@@ -66,6 +67,7 @@ PAPER = Preset(
     condition_alignment="least_squares",
     steering_codec="exact",
     ensemble_size=1,
+    mirror=False,
     processing_resolution=0,
     scheduler=("DDPMScheduler", PAPER_SCHEDULER),
     prompt_tokens=77,
@@ -82,6 +84,7 @@ PLAIN = Preset(
     condition_alignment="least_squares",
     steering_codec="exact",
     ensemble_size=1,
+    mirror=False,
     processing_resolution=None,
     scheduler=None,
     prompt_tokens=None,
@@ -94,7 +97,8 @@ DEFAULT = replace(
     max_anchors=4000,
     condition_alignment="minmax",
     steering_codec="linear",
-    ensemble_size=4,
+    ensemble_size=2,
+    mirror=True,
     finishing=Finishing(robust=True, consistent=True, minimum_depth=0.05, uncertainty=CALIBRATED),
 )
 FAST = replace(
@@ -107,8 +111,10 @@ FAST = replace(
 PRESETS = {"paper": PAPER, "default": DEFAULT, "fast": FAST}
 
 
-def get_preset(name: str | None) -> Preset:
+def get_preset(name: str | Preset | None) -> Preset:
     """The preset of that name; None is the pipeline as it is. Raises InputError for others."""
+    if isinstance(name, Preset):
+        return name
     if name is None:
         return PLAIN
     if name not in PRESETS:
