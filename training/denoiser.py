@@ -103,7 +103,8 @@ def told_in_other_units(depth: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def draw_holes(depth: Tensor, generator: torch.Generator) -> Tensor:
-    """True [n, 1, h, w] where nothing is known: boxes, all but a box, blobs, or all that is far.
+    """True [n, 1, h, w] where nothing is known: in a box, in blobs, far away, or else
+    but in a box or at scattered positions.
 
     depth: [n, 1, h, w], one value for each latent position.
     """
@@ -116,10 +117,12 @@ def draw_holes(depth: Tensor, generator: torch.Generator) -> Tensor:
     blobs = F.interpolate(coarse, size=(h, w), mode="bicubic")[:, 0] > 0.5
     limit = torch.rand(count, 1, 1, generator=generator) * 1.4 - 0.7
     far = depth[:, 0] > limit
-    kind = torch.rand(count, 1, 1, generator=generator)
-    holes = torch.where(kind < 0.45, box, far)
-    holes = torch.where((kind >= 0.45) & (kind < 0.7), blobs, holes)
-    return torch.where((kind >= 0.7) & (kind < 0.8), ~box, holes)[:, None]
+    dense = 0.02 + 0.4 * torch.rand(count, 1, 1, generator=generator)
+    scattered = torch.rand(count, h, w, generator=generator) > dense
+    kinds = torch.stack([box, blobs, far, ~box, scattered])
+    chances = torch.tensor([0.4, 0.2, 0.15, 0.1, 0.15])
+    kind = torch.multinomial(chances, count, replacement=True, generator=generator)
+    return kinds[kind, torch.arange(count)][:, None]
 
 
 class Pool:
