@@ -213,6 +213,9 @@ def test_edges_and_unknown_truth_do_not_count() -> None:
     assert seam_step(torn, torn, mask, known) is None  # an edge of the truth all along
     assert seam_step(torn, truth, mask & known, known) is None
     assert seam_step(torn, truth, mask, mask) is None
+    few = mask.clone()
+    few[:, 14:] = False
+    assert seam_step(torn, truth, few, known) is None  # 12 + 2 x 2 fours
     half = mask.clone()
     half[:, 20:] = False
     broken = torch.where(half, torn, torch.nan)

@@ -82,10 +82,10 @@ def test_calibration_is_the_mean_over_images(
     for name in ("coverage", "by_uncertainty", "by_error"):
         expected = np.mean([image[name] for image in images], axis=0)
         assert getattr(curves["wrapped"], name) == pytest.approx(tuple(expected))
-    figure = calibration_figure(curves)
+    figure = calibration_figure(curves, "hidden")
     assert figure is not None
     assert len(figure.axes[0].lines) == 2
-    assert calibration_figure({}) is None
+    assert calibration_figure({}, "hidden") is None
 
 
 def test_seam_is_drawn_where_the_hole_is(paper: RunSettings) -> None:

@@ -33,6 +33,7 @@ COVERAGE_LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 DROPPED_SHARES = tuple(i / 20 for i in range(20))
 
 _SMOOTH_STEP = 0.05  # steps of the true log depth from here on are edges
+_LEAST_FOURS = 30  # the mean of fewer says nothing of a border
 _LEAST_DEPTH_M = 1e-3  # for the logarithm of a prediction
 
 
@@ -166,7 +167,8 @@ def seam_step(
     outside: the mean absolute step of log depth between the middle two, less that of the steps
     one pixel further in on both sides, less the same of the truth. 0 is no seam; 0.01 a jump of
     about 1 % of the depth that the truth does not have. Only fours where the truth is known and
-    has no edge (no step of 0.05 or more) count; None if there are none.
+    has no edge (no step of 0.05 or more) count; None if they are fewer than
+    30.
     """
     known, mask = known.cpu(), mask.cpu()
     maps = [x.detach().cpu().double().where(mask, 1.0) for x in (prediction, target)]
@@ -182,7 +184,7 @@ def seam_step(
         more = (steps - true_steps)[smooth]
         excess.append(more[:, 1] - (more[:, 0] + more[:, 2]) / 2)
     joined = torch.cat(excess)
-    return _mean(joined) if joined.numel() else None
+    return _mean(joined) if len(joined) >= _LEAST_FOURS else None
 
 
 class DepthMetrics:

@@ -30,7 +30,7 @@ def kept_curves(run: Path, settings: RunSettings) -> dict[str, UncertaintyCurves
     return {label: _mean(curves) for label, curves in found.items() if curves}
 
 
-def calibration_figure(curves: Mapping[str, UncertaintyCurves]) -> Figure | None:
+def calibration_figure(curves: Mapping[str, UncertaintyCurves], area: str) -> Figure | None:
     """Coverage against the nominal one, and sparsification curves; None without methods.
 
     Left: on the diagonal an uncertainty is right; below it, it is too small. Right: MAE of the
@@ -48,7 +48,9 @@ def calibration_figure(curves: Mapping[str, UncertaintyCurves]) -> Figure | None
         coverage.plot(COVERAGE_LEVELS, curve.coverage, marker=".", label=label, **style)
         sparsification.plot(DROPPED_SHARES, curve.by_uncertainty, label=label, **style)
         sparsification.plot(DROPPED_SHARES, curve.by_error, linestyle="--", **style)
-    coverage.set(xlabel="nominal coverage", ylabel="share of pixels", title="calibration")
+    coverage.set(
+        xlabel="nominal coverage", ylabel="share of pixels", title=f"calibration, area {area}"
+    )
     coverage.legend(fontsize=7)
     sparsification.set(xlabel="share of pixels dropped", ylabel="MAE / MAE of all pixels")
     sparsification.set(title="sparsification, dashed: by true error", ylim=(0, None))

@@ -64,7 +64,7 @@ def draw_figures(
         "areas": areas_figure(frame) if settings.protocol.from_paper else None,
         "seam": seam_figure(frame, answers),
         "steering": _steering_figure(Evaluator(settings, create), frame, answers),
-        "calibration": calibration_figure(kept_curves(run, settings)),
+        "calibration": calibration_figure(kept_curves(run, settings), settings.protocol.focus),
     }
     return [_save(x, folder / f"{name}.png") for name, x in figures.items() if x is not None]
 
