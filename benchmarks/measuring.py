@@ -1,5 +1,10 @@
-"""Time, memory, machine, tables and files of the benchmarks. Needs Linux (/proc), not torch."""
+"""Time, memory, machine, tables and files of the benchmarks.
 
+Needs Linux with glibc (/proc, malloc_trim); loads no torch.
+"""
+
+import ctypes
+import gc
 import json
 import os
 import platform
@@ -21,8 +26,7 @@ _MIB = 1024
 
 @dataclass(frozen=True)
 class Timing:
-    """seconds: of each timed run. peak_mib: the most memory that one took above what was resident
-    before it [MiB]."""
+    """seconds: of each timed run. peak_mib: the most memory above what was there before [MiB]."""
 
     seconds: tuple[float, ...]
     peak_mib: float
@@ -40,34 +44,39 @@ class Timing:
 
 
 def measure(work: Callable[[], object], *, repeats: int) -> Timing:
-    """Runs without warm-up."""
-    seconds, peaks = [], []
-    for _ in range(repeats):
-        before = resident_mib()
-        reset_peak()
-        start = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - start)
-        peaks.append(peak_mib() - before)
-    return Timing(tuple(seconds), max(peaks))
+    """Runs without warm-up; memory is that of the first."""
+    first, peak = _first_run(work)
+    return Timing((first, *(_seconds(work) for _ in range(repeats - 1))), peak)
 
 
 def measure_interleaved(
     works: Mapping[Key, Callable[[], object]], *, warm_up: int, repeats: int
 ) -> dict[Key, Timing]:
-    """Every work once, then every work again: what disturbs the machine disturbs all alike."""
-    for _ in range(warm_up):
+    """Every work once, then every work again: what disturbs the machine disturbs all alike.
+
+    warm_up: rounds that are not timed, at least one; memory is that of the first.
+    """
+    peaks = {name: _first_run(work)[1] for name, work in works.items()}
+    for _ in range(warm_up - 1):
         for work in works.values():
             work()
-    rounds = [
-        {name: measure(work, repeats=1) for name, work in works.items()} for _ in range(repeats)
-    ]
-    return {
-        name: Timing(
-            tuple(one[name].seconds[0] for one in rounds), max(one[name].peak_mib for one in rounds)
-        )
-        for name in works
-    }
+    rounds = [{name: _seconds(work) for name, work in works.items()} for _ in range(repeats)]
+    return {name: Timing(tuple(one[name] for one in rounds), peaks[name]) for name in works}
+
+
+def _first_run(work: Callable[[], object]) -> tuple[float, float]:
+    """Seconds and peak memory [MiB], from a heap that holds nothing free for reuse."""
+    gc.collect()
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
+    before = resident_mib()
+    reset_peak()
+    return _seconds(work), peak_mib() - before
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
 
 
 def reset_peak() -> None:

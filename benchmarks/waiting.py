@@ -91,7 +91,7 @@ def time_frame(preset: str, folder: Path | None, repeats: int, threads: int) -> 
         "frame": "sample" if folder is None else folder.name,
         "size": f"{width}x{height}",
         "measurements": int(frame.mask.sum()),
-        # the whole process since its last call began, libraries and model included
+        # the whole process since its first timed call began, libraries and model included
         "timing": Timing(timing.seconds, peak_mib()),
     }
 

@@ -1,5 +1,7 @@
 """What a user waits for."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,12 @@ def test_a_command_is_timed_with_its_whole_memory() -> None:
     timing = time_command(["--help"], repeats=1, threads=1)
     assert timing.peak_mib > 10
     assert timing.seconds[0] > 0
+
+
+def test_the_process_that_starts_others_stays_small() -> None:
+    code = "import benchmarks.waiting, sys; print('torch' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "False\n"
 
 
 def test_a_sensor_frame_that_is_absent_is_told_and_left_out(
