@@ -9,6 +9,7 @@ PUBLIC = [
     "SteeredCompleter",
     "SteeredMarigoldError",
     "SteeredMarigoldPipeline",
+    "StreamingCompleter",
     "create_method",
     "load_pipeline",
 ]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from steered_marigold.methods.protocol import DepthCompleter
     from steered_marigold.methods.registry import create_method
     from steered_marigold.methods.steered import SteeredCompleter
+    from steered_marigold.methods.streaming import StreamingCompleter
 
 __all__ = [
     "DepthCompleter",
@@ -30,6 +31,7 @@ __all__ = [
     "SteeredCompleter",
     "SteeredMarigoldError",
     "SteeredMarigoldPipeline",
+    "StreamingCompleter",
     "create_method",
     "load_pipeline",
 ]
@@ -42,6 +44,7 @@ _HOMES = {
     "SteeredCompleter": "methods.steered",
     "SteeredMarigoldError": "errors",
     "SteeredMarigoldPipeline": "diffusion.pipeline",
+    "StreamingCompleter": "methods.streaming",
     "create_method": "methods.registry",
     "load_pipeline": "diffusion.checkpoints",
 }

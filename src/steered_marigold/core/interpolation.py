@@ -1,5 +1,8 @@
 """Linear interpolation of scattered values (the paper's phi), triangulated once."""
 
+from copy import copy
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -41,9 +44,10 @@ class ScatteredInterpolant:
         self.weights = torch.from_numpy(weights)
 
     def to(self, device: torch.device | str) -> "ScatteredInterpolant":
-        """Moves vertices and weights to the device that values will be on; returns itself."""
-        self.vertices, self.weights = self.vertices.to(device), self.weights.to(device)
-        return self
+        """The same on the device that values will be on."""
+        moved = copy(self)
+        moved.vertices, moved.weights = self.vertices.to(device), self.weights.to(device)
+        return moved
 
     def __call__(
         self, values: Float[Tensor, "*batch points"]
@@ -54,6 +58,19 @@ class ScatteredInterpolant:
         for vertex, weight in zip(self.vertices[1:], self.weights[1:], strict=True):
             result.addcmul_(weight, rows.index_select(1, vertex))
         return result.to(values.dtype).reshape(*values.shape[:-1], *self.shape)
+
+
+def remembered_interpolant(
+    points: Int[Tensor, "points 2"], shape: tuple[int, int]
+) -> ScatteredInterpolant:
+    """As `ScatteredInterpolant(points, shape)`; the last few are kept, for videos."""
+    return _remembered(points.cpu().numpy().astype(np.int64).tobytes(), shape)
+
+
+@lru_cache(maxsize=4)
+def _remembered(points: bytes, shape: tuple[int, int]) -> ScatteredInterpolant:
+    pairs = np.frombuffer(points, np.int64).reshape(-1, 2).copy()
+    return ScatteredInterpolant(torch.from_numpy(pairs), shape)
 
 
 def _barycentric(

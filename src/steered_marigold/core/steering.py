@@ -24,7 +24,7 @@ from steered_marigold.core.anchors import (
     select_anchors,
     thin_measurements,
 )
-from steered_marigold.core.interpolation import ScatteredInterpolant
+from steered_marigold.core.interpolation import ScatteredInterpolant, remembered_interpolant
 
 ConditionAlignment = Literal["least_squares", "minmax"]
 
@@ -123,7 +123,8 @@ class Steering:
                 known, far, anchor_fraction=self.anchor_fraction, generator=generator
             )
             height, width = known.shape
-            interpolant = ScatteredInterpolant(anchors.points, (height, width)).to(self.device)
+            build = ScatteredInterpolant if self.redraw else remembered_interpolant
+            interpolant = build(anchors.points, (height, width)).to(self.device)
             on_device = Anchors(anchors.points.to(self.device), anchors.known.to(self.device))
             self._anchors.append((on_device, interpolant))
 

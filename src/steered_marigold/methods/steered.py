@@ -96,11 +96,13 @@ class SteeredCompleter:
         confidence: Float[Tensor, "height width"] | None = None,
         no_measurements: bool = False,
         generator: torch.Generator | None = None,
+        **call: Any,
     ) -> DepthCompletion:
         """See `DepthCompleter.complete`.
 
         confidence: in [0, 1], the weight of each measurement. no_measurements: where valid_mask
-        is False everywhere, answer with relative depth instead of raising.
+        is False everywhere, answer with relative depth instead of raising. call: more arguments
+        of the pipeline's call.
         """
         if not no_measurements:
             check_frame(self.name, image, sparse_depth, valid_mask)
@@ -112,6 +114,7 @@ class SteeredCompleter:
             confidence=confidence,
             generator=generator,
             **self._arguments,
+            **call,
         )
         return answer
 
