@@ -17,7 +17,16 @@ from steered_marigold.evaluation.report import write_outputs
 from steered_marigold.evaluation.runner import run_evaluation
 from steered_marigold.evaluation.settings import RunSettings
 
-METHODS = ("linear", "marigold", "steered:paper", "steered", "steered:fast")
+METHODS = (
+    "linear",
+    "marigold",
+    "steered:paper",
+    "steered:paper@steering_codec=linear",
+    "steered",
+    "steered@steering_strength=0.3",
+    "steered@steering_strength=0.3,steering_codec=exact",
+    "steered:fast",
+)
 PROTOCOLS = ("paper-uniform", "paper-erased")
 
 

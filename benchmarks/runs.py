@@ -15,7 +15,12 @@ REFERENCE = "reference"
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "paper": {"preset": "paper"},
     "default": {"preset": "default"},
-    "default, strength 0.1": {"preset": "default", "steering_strength": 0.1},
+    "default, steered": {"preset": "default", "steering_strength": 0.3},
+    "default, steered, exact codec": {
+        "preset": "default",
+        "steering_strength": 0.3,
+        "steering_codec": "exact",
+    },
     "fast": {"preset": "fast"},
 }
 OURS = tuple(name for name in RUNS if name != "paper")

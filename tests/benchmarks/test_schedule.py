@@ -34,7 +34,9 @@ def test_the_reference_decodes_and_encodes_in_each_of_50_steps(
 def test_members_and_steered_maps_are_counted_one_by_one(
     pipeline: SteeredMarigoldPipeline, frame: BenchmarkFrame
 ) -> None:
-    schedule = observe(pipeline, lambda: run_pipeline(pipeline, frame, "default, strength 0.1"))
+    schedule = observe(
+        pipeline, lambda: run_pipeline(pipeline, frame, "default, steered, exact codec")
+    )
     members = schedule.final
     steered = schedule.encode + schedule.approximate_encode
     assert schedule.decode + schedule.approximate_decode - members == steered

@@ -8,7 +8,7 @@ import pytest
 import torch
 from diffusers import AutoencoderKL, UNet2DConditionModel
 
-from steered_marigold.diffusion.checkpoints import load_pipeline
+from steered_marigold.diffusion.checkpoints import fastest_dtype, load_pipeline
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import CheckpointError, InputError
 
@@ -24,6 +24,14 @@ def test_loads_a_folder_in_the_dtype_asked_for(folder: Path) -> None:
     pipeline = load_pipeline(str(folder), device="cpu", dtype=torch.bfloat16)
     assert pipeline.unet.dtype == torch.bfloat16
     assert pipeline.image_encoder is None
+
+
+def test_without_a_dtype_it_is_what_the_device_is_fastest_in(folder: Path) -> None:
+    pipeline = load_pipeline(str(folder), device="cpu", dtype=None)
+    assert pipeline.unet.dtype == fastest_dtype(torch.device("cpu"))
+    features = torch.cpu.get_capabilities()
+    has_bfloat16 = bool(features.get("avx512_bf16") or features.get("amx_bf16"))
+    assert (pipeline.unet.dtype == torch.bfloat16) == has_bfloat16
 
 
 @pytest.mark.parametrize("component", ["unet", "vae", "text_encoder", "scheduler", "tokenizer"])

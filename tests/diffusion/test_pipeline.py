@@ -328,9 +328,18 @@ def test_steering_through_a_tiny_vae_leaves_the_vae_alone(
     image, depth, mask = frame()
     pipeline.register_modules(steering_vae=tiny_steering_vae())
     calls: list[str] = []
-    encode, decode = pipeline.vae.encode, pipeline.vae.decode
-    pipeline.vae.encode = lambda *a, **k: calls.append("encode") or encode(*a, **k)
-    pipeline.vae.decode = lambda *a, **k: calls.append("decode") or decode(*a, **k)
+
+    def counted(name: str) -> None:
+        original = getattr(pipeline.vae, name)
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            calls.append(name)
+            return original(*args, **kwargs)
+
+        setattr(pipeline.vae, name, call)
+
+    counted("encode")
+    counted("decode")
     pipeline(
         image, depth, mask, preset="paper", num_inference_steps=3, steering_codec="tiny",
         generator=seeded(),

@@ -9,6 +9,7 @@ from steered_marigold.methods.inpainting import OpenCvInpainter
 from steered_marigold.methods.ip_basic import IpBasicCompleter
 from steered_marigold.methods.protocol import DepthCompleter
 from steered_marigold.methods.registry import METHODS, create_method
+from steered_marigold.methods.steered import SteeredCompleter
 
 CLASSICAL = ("nearest", "linear", "ip-basic", "telea", "navier-stokes", "colorization")
 
@@ -29,6 +30,13 @@ def test_settings_take_the_type_of_the_argument() -> None:
     telea = create_method("telea@radius_px=5")
     assert isinstance(telea, OpenCvInpainter)
     assert telea.radius_px == 5.0
+
+
+def test_flags_are_true_or_false() -> None:
+    steered = create_method("steered@mirror=false,ensemble_size=1")
+    assert isinstance(steered, SteeredCompleter)
+    with pytest.raises(InputError, match=r"mirror='no' is no bool"):
+        create_method("steered@mirror=no")
 
 
 def test_an_unknown_method_is_refused_with_the_known_ones() -> None:
@@ -78,8 +86,8 @@ def test_importing_the_registry_imports_no_method() -> None:
 
 @pytest.mark.parametrize("name", ["marigold", "steered", "steered:paper", "marigold-dc"])
 def test_a_diffusion_method_takes_settings_and_a_checkpoint(name: str, tmp_path: Path) -> None:
-    settings = "num_inference_steps, .*ensemble_size, processing_resolution$"
-    with pytest.raises(InputError, match=rf"{name} has no setting 'progress'; it has: {settings}"):
-        create_method(f"{name}@progress=1")
+    settings = "num_inference_steps, .*ensemble_size, .*processing_resolution"
+    with pytest.raises(InputError, match=rf"{name} has no setting 'speed'; it has: .*{settings}"):
+        create_method(f"{name}@speed=1")
     with pytest.raises(CheckpointError, match=r"model_index\.json"):
         create_method(f"{name}@num_inference_steps=2", checkpoint=str(tmp_path))

@@ -25,8 +25,9 @@ class DepthGrid(StrEnum):
 
 
 class Dtype(StrEnum):
-    """What the model computes in."""
+    """What the model computes in; auto: what the device has matrix instructions for."""
 
+    AUTO = "auto"
     FLOAT32 = "float32"
     BFLOAT16 = "bfloat16"
     FLOAT16 = "float16"
@@ -147,8 +148,13 @@ def complete(
         str | None, _method(help="cpu, cuda, mps.", show_default="the best there is")
     ] = None,
     dtype: Annotated[
-        Dtype | None, _method(help="What the model computes in.", show_default="float32")
+        Dtype | None,
+        _method(help="What the model computes in; auto: the fastest.", show_default="float32"),
     ] = None,
+    compiled: Annotated[
+        bool,
+        _method("--compile", help="Compile the networks: minutes once, faster for many frames."),
+    ] = False,
 ) -> None:
     """Complete the depth of a frame, or of two folders of frames.
 
@@ -183,6 +189,7 @@ def complete(
         "preset": preset,
         "device": device,
         "dtype": None if dtype is None else dtype.value,
+        "compiled": compiled,
         "num_inference_steps": steps,
         "steering_strength": steering_strength,
         "ensemble_size": ensemble,

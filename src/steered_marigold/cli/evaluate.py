@@ -133,7 +133,7 @@ def evaluate(
         official_metrics=official_metrics,
         checkpoint=checkpoint,
         device=device,
-        dtype=None if dtype is None else dtype.value,
+        dtype=None if dtype is None else _dtype_name(dtype, device),
         weights=dict(_method_and_file(item) for item in filter(None, weights.split(","))),
     )
     run = _run_with_progress(
@@ -145,6 +145,17 @@ def evaluate(
     if run.failures:
         say_error(f"{len(run.failures)} images failed; see {output / 'table.md'}")
         raise typer.Exit(1)
+
+
+def _dtype_name(dtype: Dtype, device: str) -> str:
+    """The precision by its name in torch; `auto` becomes that of the device."""
+    if dtype is not Dtype.AUTO:
+        return dtype.value
+    import torch
+
+    from steered_marigold.diffusion.checkpoints import fastest_dtype
+
+    return str(fastest_dtype(torch.device(device))).removeprefix("torch.")
 
 
 def split_methods(text: str) -> tuple[str, ...]:

@@ -95,7 +95,7 @@ def create_method(
 def _readable_kinds(hint: Any) -> list[Any]:
     """The types in an annotation that text can be read as: none for a flag or a record."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    return [k for k in kinds if k in (int, float, str) or get_origin(k) is Literal]
+    return [k for k in kinds if k in (bool, int, float, str) or get_origin(k) is Literal]
 
 
 def _parse_settings(method: str, text: str, kinds: Mapping[str, list[Any]]) -> dict[str, object]:
@@ -122,6 +122,9 @@ def _parse_value(text: str, kinds: list[Any]) -> object:
         if get_origin(kind) is Literal:
             if text in get_args(kind):
                 return text
+        elif kind is bool:
+            if text in ("true", "false"):
+                return text == "true"
         else:
             with suppress(ValueError):
                 return kind(text)

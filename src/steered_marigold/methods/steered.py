@@ -11,7 +11,7 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.steering import ConditionAlignment
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.diffusion.presets import get_preset
+from steered_marigold.diffusion.presets import SteeringCodec, get_preset
 from steered_marigold.errors import InputError
 from steered_marigold.methods.protocol import check_frame
 
@@ -48,27 +48,32 @@ class SteeredCompleter:
         preset: str = "default",
         device: str | None = None,
         dtype: torch.dtype | str | None = None,
+        compiled: bool = False,
         num_inference_steps: int | None = None,
         steering_strength: float | None = None,
         condition_alignment: ConditionAlignment | None = None,
+        steering_codec: SteeringCodec | None = None,
         ensemble_size: int | None = None,
+        mirror: bool | None = None,
         processing_resolution: int | None = None,
         sensor_noise: SensorNoise | None = None,
         progress: bool = False,
     ) -> "SteeredCompleter":
-        """Loads a checkpoint (see `load_pipeline`); dtype None is float32.
+        """Loads a checkpoint (see `load_pipeline`); dtype None is float32, "auto" the fastest.
 
         Raises CheckpointError, or InputError for an unknown preset, device or dtype.
         """
         get_preset(preset)
         return cls(
-            load_pipeline(checkpoint, device=device, dtype=_parse_dtype(dtype)),
+            load_pipeline(checkpoint, device=device, dtype=_parse_dtype(dtype), compiled=compiled),
             checkpoint,
             preset=preset,
             num_inference_steps=num_inference_steps,
             steering_strength=steering_strength,
             condition_alignment=condition_alignment,
+            steering_codec=steering_codec,
             ensemble_size=ensemble_size,
+            mirror=mirror,
             processing_resolution=processing_resolution,
             sensor_noise=sensor_noise,
             progress=progress,
@@ -144,10 +149,12 @@ class MarigoldCompleter(SteeredCompleter):
         )
 
 
-def _parse_dtype(dtype: torch.dtype | str | None) -> torch.dtype:
+def _parse_dtype(dtype: torch.dtype | str | None) -> torch.dtype | None:
+    """What `load_pipeline` takes; float32 unless something else is asked for."""
     if isinstance(dtype, torch.dtype):
         return dtype
     known = {
+        "auto": None,
         "float32": torch.float32,
         "bfloat16": torch.bfloat16,
         "float16": torch.float16,
