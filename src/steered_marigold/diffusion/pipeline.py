@@ -101,6 +101,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         ensemble_size: int | None = None,
         mirror: bool | None = None,
         processing_resolution: int | None = None,
+        robust: bool | None = None,
+        consistent: bool | None = None,
         sensor_noise: SensorNoise | None = None,
         confidence: Maps | None = None,
         generator: Generators = None,
@@ -125,7 +127,9 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         "exact" steers through the VAE, "tiny" through `steering_vae`, "linear" through a linear map
         that is fitted and checked in the run.
         mirror: every other member of an even ensemble sees the image mirrored.
-        sensor_noise: how closely to meet measurements, for presets that do; None is exactly.
+        robust: fit so that wrong measurements hardly count, and leave them out. consistent: make
+        the answer agree with the measurements. sensor_noise: how closely, with `consistent`; None
+        is exactly.
         confidence: in [0, 1], weights the measurements. generator: one, or one for each image.
         latents: noise [batch * ensemble_size, 4, h, w], instead of drawing it.
         previous_latents: clean depth latents of that shape, as of the last frame of a video; then
@@ -148,6 +152,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             ensemble_size=ensemble_size,
             mirror=mirror,
             processing_resolution=processing_resolution,
+            robust=robust,
+            consistent=consistent,
         )
         device, members = self._execution_device, settings.ensemble_size
         steps, resolution = self._checkpoint_defaults(settings)

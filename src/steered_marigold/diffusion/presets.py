@@ -52,9 +52,17 @@ class Preset:
     prompt_tokens: int | None
     finishing: Finishing
 
-    def override(self, **arguments: Any) -> "Preset":
-        """This preset with the arguments that are not None."""
-        return replace(self, **{k: v for k, v in arguments.items() if v is not None})
+    def override(
+        self, *, robust: bool | None = None, consistent: bool | None = None, **arguments: Any
+    ) -> "Preset":
+        """This preset with the arguments that are not None; the first two are the finishing's."""
+        finishing = replace(
+            self.finishing,
+            robust=self.finishing.robust if robust is None else robust,
+            consistent=self.finishing.consistent if consistent is None else consistent,
+        )
+        changes = {k: v for k, v in arguments.items() if v is not None}
+        return replace(self, finishing=finishing, **changes)
 
 
 PAPER = Preset(

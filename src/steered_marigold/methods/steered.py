@@ -56,6 +56,8 @@ class SteeredCompleter:
         ensemble_size: int | None = None,
         mirror: bool | None = None,
         processing_resolution: int | None = None,
+        robust: bool | None = None,
+        consistent: bool | None = None,
         sensor_noise: SensorNoise | None = None,
         progress: bool = False,
     ) -> "SteeredCompleter":
@@ -75,6 +77,8 @@ class SteeredCompleter:
             ensemble_size=ensemble_size,
             mirror=mirror,
             processing_resolution=processing_resolution,
+            robust=robust,
+            consistent=consistent,
             sensor_noise=sensor_noise,
             progress=progress,
         )
