@@ -95,9 +95,7 @@ def main(
             abs_rel = mean(float(error[~mask].abs().mean()) for error, mask in hidden)
             figures[name].append((median(seconds[1:]), abs_rel, flicker(errors, masks)))
     rows = {name: [mean(column) for column in zip(*f, strict=True)] for name, f in figures.items()}
-    print(
-        f"{paths} paths of {frames} frames, 320x240, abs_rel and flicker where nothing was measured\n"
-    )
+    print(f"{paths} paths of {frames} frames, 320x240; errors where nothing was measured\n")
     header = ("method", "s / frame", "abs_rel", "flicker")
     cells = [(name, f"{s:.3f}", f"{e:.4f}", f"{c:.4f}") for name, (s, e, c) in rows.items()]
     print(markdown_table(header, cells))
