@@ -71,6 +71,7 @@ def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
         prediction_type="depth",
         default_denoising_steps=STEPS,
         default_processing_resolution=WIDTH,
+        continues_known=True,
     )
 
 

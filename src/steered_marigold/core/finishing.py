@@ -48,9 +48,9 @@ def finish(
     members = members.float()
     fit, rejected = _fit(members, sparse_depth, valid_mask, settings.robust, confidence)
     metric = fit.apply(members)
-    depth = metric.median(dim=0).values
-    spread = (metric - depth).abs().median(dim=0).values if len(members) > 1 else None
-    affine = members.median(dim=0).values[None]
+    depth = median(metric)
+    spread = median((metric - depth).abs()) if len(members) > 1 else None
+    affine = median(members)[None]
     overall, overall_rejected = (
         (fit, rejected)
         if len(members) == 1
@@ -86,6 +86,12 @@ def finish(
     )
 
 
+def median(members: Float[Tensor, "members *shape"]) -> Float[Tensor, "*shape"]:
+    """The median over members; of an even number the mean of the middle two."""
+    ordered = members.sort(dim=0).values
+    return (ordered[(len(members) - 1) // 2] + ordered[len(members) // 2]) / 2
+
+
 def _fit(
     members: Float[Tensor, "members height width"],
     sparse_depth: Float[Tensor, "height width"],
@@ -105,7 +111,7 @@ def _fit(
 
 def without_measurements(members: Float[Tensor, "members height width"]) -> DepthCompletion:
     """Plain affine-invariant depth as an answer: `metric` is False."""
-    affine = members.float().median(dim=0).values[None]
+    affine = median(members.float())[None]
     nothing = torch.zeros_like(affine, dtype=torch.bool)
     return DepthCompletion(
         depth=affine, affine_depth=affine, measured=nothing, trusted=nothing, metric=False

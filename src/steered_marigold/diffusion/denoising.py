@@ -9,9 +9,11 @@
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
-from jaxtyping import Float, Int
+import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from steered_marigold.core.steering import Steering, steering_update
@@ -24,6 +26,14 @@ from steered_marigold.errors import InputError
 StepEnd = Callable[[int, Tensor, dict[str, Tensor | None]], Tensor]
 
 
+@dataclass(frozen=True)
+class Told:
+    """Clean depth latents where `known`."""
+
+    latents: Float[Tensor, "batch channels h w"]
+    known: Bool[Tensor, "batch 1 h w"]
+
+
 def denoise(
     predict: Callable[[Tensor, Tensor], Tensor],
     scheduler: Any,
@@ -31,20 +41,24 @@ def denoise(
     codec: DepthCodec | LinearCodec,
     latents: Float[Tensor, "batch channels h w"],
     *,
-    steering: Steering | None,
-    steering_strength: float,
     generator: Generators,
     step_end: StepEnd,
+    steering: Steering | None = None,
+    steering_strength: float = 0.0,
+    told: Told | None = None,
 ) -> Float[Tensor, "batch channels h w"]:
     """Depth latents from noise (the paper, Algorithm 1).
 
     predict: (latents, timestep) to the U-Net's output. scheduler: with its timesteps set.
-    timesteps: those to run, the last ones of the scheduler's. codec: for steering alone.
+    timesteps: those to run, the last ones of the scheduler's. codec: for steering alone. told: what
+    a U-Net that continues known latents gets to see in their place.
     Without steering this is Marigold's own loop, operation by operation.
     """
     alpha_bar = scheduler.alphas_cumprod[timesteps.cpu()]
     strengths = (steering_strength * (1 - alpha_bar).sqrt()).to(latents)
     for i, t in enumerate(timesteps):
+        if told is not None:
+            latents = torch.where(told.known, told.latents, latents)
         out = scheduler.step(predict(latents, t), t, latents, generator=generator)
         # LCM's x0 is boundary-scaled and has another name
         predicted_x0 = out["denoised" if "denoised" in out else "pred_original_sample"]
@@ -62,7 +76,7 @@ def denoise(
 def last_timesteps(scheduler: Any, share: float) -> Int[Tensor, " steps"]:
     """The last `share` of the scheduler's timesteps, at least one; the scheduler begins there.
 
-    Raises InputError for a share that is not above 0 and at most 1.
+    The scheduler has its timesteps set. Raises InputError for a share not in (0, 1].
     """
     if not 0 < share <= 1:
         raise InputError(f"restart is {share}: it is a share of the steps, above 0 and up to 1")

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 import diffusers
@@ -45,7 +46,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
     Takes every model from a Marigold depth checkpoint, plus two optional components:
     image_encoder stands in for the VAE on the image side of the U-Net; steering_vae, such as
     `AutoencoderTiny` of "madebyollin/taesd", for the VAE while steering with
-    `steering_codec="tiny"`.
+    `steering_codec="tiny"`. The configuration `continues_known` says that the U-Net was trained on
+    latents of which a part is clean.
     """
 
     model_cpu_offload_seq = "text_encoder->image_encoder->unet->steering_vae->vae"
@@ -66,6 +68,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         shift_invariant: bool | None = True,
         default_denoising_steps: int | None = None,
         default_processing_resolution: int | None = None,
+        continues_known: bool = False,
     ) -> None:
         super().__init__(
             unet,
@@ -80,6 +83,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             default_processing_resolution,
         )
         self.register_modules(image_encoder=image_encoder, steering_vae=steering_vae)
+        self.register_to_config(continues_known=continues_known)
         self._text_embeddings: dict[int | None, Tensor] = {}
 
     @torch.no_grad()
@@ -100,6 +104,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         steering_codec: SteeringCodec | None = None,
         ensemble_size: int | None = None,
         mirror: bool | None = None,
+        continuation: bool | None = None,
         processing_resolution: int | None = None,
         robust: bool | None = None,
         consistent: bool | None = None,
@@ -127,6 +132,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         "exact" steers through the VAE, "tiny" through `steering_vae`, "linear" through a linear map
         that is fitted and checked in the run.
         mirror: every other member of an even ensemble sees the image mirrored.
+        continuation: denoise a second time, told the measured depth; only with a checkpoint that
+        `continues_known`.
         robust: fit so that wrong measurements hardly count, and leave them out. consistent: make
         the answer agree with the measurements. sensor_noise: how closely, with `consistent`; None
         is exactly.
@@ -151,6 +158,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             steering_codec=steering_codec,
             ensemble_size=ensemble_size,
             mirror=mirror,
+            continuation=continuation,
             processing_resolution=processing_resolution,
             robust=robust,
             consistent=consistent,
@@ -169,29 +177,32 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         if latents is None:
             shape = (len(image_latents), codec.channels, *image_latents.shape[-2:])
             latents = randn_tensor(shape, noise, device=device, dtype=self.dtype)
-        scheduler = self._scheduler(settings, steps)
-        latents, timesteps = latents.to(device, self.dtype), scheduler.timesteps
+        latents = latents.to(device, self.dtype)
+        share = 1.0 if previous_latents is None else restart
+        scheduler, timesteps = self._schedule(settings, steps, share)
         if previous_latents is not None:
-            timesteps = last_timesteps(scheduler, restart)
-            clean = previous_latents.to(device, self.dtype)
-            latents = scheduler.add_noise(clean, latents, timesteps[:1])
+            previous = previous_latents.to(device, self.dtype)
+            latents = scheduler.add_noise(previous, latents, timesteps[:1])
+        predict = self.predictor(image_latents, settings.prompt_tokens)
         steering, shortcut = None, self._shortcut(settings.steering_codec, codec)
         if measured is not None and settings.steering_strength != 0:
             forks = fork_generators(generator, images)
             steering = _steering(settings, views.on_grid(*measured), views.of_each(forks), device)
         with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, steps) as end:
-            latents = denoise(
-                self.predictor(image_latents, settings.prompt_tokens),
+            sample = partial(denoise, predict, generator=noise, step_end=end)
+            clean = sample(
                 scheduler,
                 timesteps,
                 shortcut,
                 latents,
                 steering=steering,
                 steering_strength=settings.steering_strength,
-                generator=noise,
-                step_end=end,
             )
-        affine = self.affine_depth(codec.decode(latents), views.padding, views.size)
+            if measured is not None and settings.continuation and self.config.continues_known:
+                told = views.tell(measured, clean, codec)
+                again = self._schedule(settings, steps, share)
+                clean = sample(*again, codec, latents, told=told)
+        affine = self.affine_depth(codec.decode(clean), views.padding, views.size)
         groups = views.upright(affine)
         if measured is None:
             answers = [without_measurements(group) for group in groups]
@@ -267,15 +278,18 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             )
         return images
 
-    def _scheduler(self, settings: Preset, steps: int) -> Any:
-        """A scheduler with its timesteps set: a local one if the preset asks for other settings."""
+    def _schedule(self, settings: Preset, steps: int, share: float) -> tuple[Any, Tensor]:
+        """A scheduler at the beginning of the last `share` of its timesteps, and those.
+
+        It is a local one if the preset asks for other settings.
+        """
         scheduler = self.scheduler
         if settings.scheduler is not None:
             name, changes = settings.scheduler
             kind = type(scheduler) if name is None else getattr(diffusers, name)
             scheduler = kind.from_config(scheduler.config, **changes)
         scheduler.set_timesteps(steps, device=self._execution_device)
-        return scheduler
+        return scheduler, last_timesteps(scheduler, share)
 
     def _shortcut(self, kind: SteeringCodec, exact: DepthCodec) -> DepthCodec | LinearCodec:
         """What decodes and encodes in the steps of steering."""

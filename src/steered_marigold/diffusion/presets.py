@@ -47,6 +47,7 @@ class Preset:
     steering_codec: SteeringCodec
     ensemble_size: int
     mirror: bool
+    continuation: bool
     processing_resolution: int | None
     scheduler: tuple[str | None, dict[str, Any]] | None
     prompt_tokens: int | None
@@ -76,6 +77,7 @@ PAPER = Preset(
     steering_codec="exact",
     ensemble_size=1,
     mirror=False,
+    continuation=False,
     processing_resolution=0,
     scheduler=("DDPMScheduler", PAPER_SCHEDULER),
     prompt_tokens=77,
@@ -93,6 +95,7 @@ PLAIN = Preset(
     steering_codec="exact",
     ensemble_size=1,
     mirror=False,
+    continuation=False,
     processing_resolution=None,
     scheduler=None,
     prompt_tokens=None,
@@ -107,6 +110,7 @@ DEFAULT = replace(
     steering_codec="linear",
     ensemble_size=2,
     mirror=True,
+    continuation=True,
     finishing=Finishing(robust=True, consistent=True, minimum_depth=0.05, uncertainty=CALIBRATED),
 )
 FAST = replace(

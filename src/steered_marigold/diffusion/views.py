@@ -8,6 +8,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from steered_marigold.core.continuation import known_cells, told_depth
+from steered_marigold.core.finishing import median
+from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.diffusion.denoising import Told
 from steered_marigold.diffusion.measurements import move_to_grid
 
 T = TypeVar("T")
@@ -50,3 +54,23 @@ class Views:
             return list(torch.split(maps, self.members))
         pairs = maps.view(-1, 2, self.members, *maps.shape[-2:])
         return [torch.cat([plain, mirrored.flip(-1)]) for plain, mirrored in pairs]
+
+    def tell(
+        self,
+        measured: tuple[Float[Tensor, "images height width"], Bool[Tensor, "images height width"]],
+        estimate: Float[Tensor, "answers channels h w"],
+        codec: DepthCodec,
+    ) -> Told:
+        """The measurements as latents, in the units of a first estimate, for every member."""
+        decoded = codec.decode(estimate).float()
+        cell = decoded.shape[-1] // estimate.shape[-1]
+        maps, known = [], []
+        for members, depth, mask in zip(
+            torch.split(decoded, self.members), *self.on_grid(*measured), strict=True
+        ):
+            told, trusted = told_depth(median(members), depth.to(decoded), mask.to(decoded.device))
+            maps.append(told)
+            known.append(known_cells(trusted, cell))
+        latents = codec.encode(torch.stack(maps)).repeat_interleave(self.members, dim=0)
+        cells = torch.stack(known)[:, None].repeat_interleave(self.members, dim=0)
+        return Told(latents, cells)
