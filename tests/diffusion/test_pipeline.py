@@ -387,7 +387,9 @@ def test_a_restart_runs_the_last_steps_from_the_previous_latents(
     pipeline.scheduler.set_timesteps(4)
     assert seen == pipeline.scheduler.timesteps.tolist()[2:]
     with pytest.raises(InputError, match="restart"):
-        pipeline(image, depth, mask, previous_latents=previous, restart=0.0)
+        pipeline(image, depth, mask, preset=None, previous_latents=previous, restart=0.0)
+    with pytest.raises(InputError, match=r"previous_latents is \[2, 4, 5, 6\]"):
+        pipeline(image, depth, mask, preset=None, previous_latents=previous.repeat(2, 1, 1, 1))
 
 
 def test_only_hooked_entry_points_are_called(pipeline: SteeredMarigoldPipeline) -> None:
@@ -428,3 +430,40 @@ def test_a_mirrored_ensemble_answers_a_mirrored_frame_with_the_mirror_image(
     torch.testing.assert_close(answer.depth, mirrored.depth.flip(-1), rtol=1e-3, atol=1e-3)
     single = pipeline(image, depth, mask, latents=noise, **arguments | {"mirror": False})
     assert not torch.allclose(answer.depth, single.depth, atol=1e-3)
+
+
+def test_a_checkpoint_that_continues_the_known_is_told_what_was_measured(
+    pipeline: SteeredMarigoldPipeline,
+) -> None:
+    image, depth, mask = frame()
+    mask[:, :20] = True
+    mask[:, 30:] = False
+    inputs: list[torch.Tensor] = []
+    forward = pipeline.unet.forward
+
+    def watched(sample: torch.Tensor, *args: Any, **kwargs: Any) -> Any:
+        inputs.append(sample[:, -4:])
+        return forward(sample, *args, **kwargs)
+
+    pipeline.unet.forward = watched
+    noise = torch.randn(2, 4, 5, 6, generator=seeded())
+    arguments: dict[str, Any] = {"preset": "default", "num_inference_steps": 1, "latents": noise}
+    pipeline(image, depth, mask, **arguments)
+    assert len(inputs) == 1  # other checkpoints know nothing of it
+    pipeline.register_to_config(continues_known=True)
+    inputs.clear()
+    pipeline(image, depth, mask, **arguments)
+    first, second = inputs
+    same = (first == second).all(dim=1)
+    assert not same[0, :, 0].any()  # the plain view is told its left
+    assert same[0, :, -1].all()
+    assert not same[1, :, -1].all()  # the mirrored one its right
+    assert same[1, :, 0].all()
+
+
+def test_what_a_checkpoint_continues_survives_saving(
+    pipeline: SteeredMarigoldPipeline, tmp_path: Path
+) -> None:
+    pipeline.register_to_config(continues_known=True)
+    pipeline.save_pretrained(tmp_path)
+    assert SteeredMarigoldPipeline.from_pretrained(tmp_path).config.continues_known

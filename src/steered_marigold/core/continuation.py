@@ -47,9 +47,7 @@ def told_depth(
     return told.clamp(-LIMIT, LIMIT), trusted
 
 
-def known_cells(
-    trusted: Bool[Tensor, "height width"], cell: int
-) -> Bool[Tensor, "height/cell width/cell"]:
+def known_cells(trusted: Bool[Tensor, "height width"], cell: int) -> Bool[Tensor, "rows columns"]:
     """True for the cells of cell x cell pixels that a measurement is near to."""
     distance = torch.from_numpy(ndimage.distance_transform_edt(~trusted.cpu().numpy()))
     farthest = F.max_pool2d(distance.float()[None, None], cell)[0, 0]

@@ -20,7 +20,7 @@ from transformers import CLIPTextModel, CLIPTokenizer
 
 from steered_marigold.core.completion import DepthCompletion, join_completions
 from steered_marigold.core.consistency import SensorNoise
-from steered_marigold.core.finishing import finish, without_measurements
+from steered_marigold.core.finishing import Finishing, finish, without_measurements
 from steered_marigold.core.steering import ConditionAlignment, Steering
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.denoising import StepEnd, denoise, last_timesteps
@@ -165,7 +165,7 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         )
         device, members = self._execution_device, settings.ensemble_size
         steps, resolution = self._checkpoint_defaults(settings)
-        images = self._check(image, steps, members, resolution, latents, generator)
+        images = self._check(image, steps, members, resolution, generator)
         views = self._views(image, resolution, settings)
         measured = None
         if sparse_depth is not None:
@@ -174,8 +174,9 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         encode = codec.encode_image if self.image_encoder is None else self.image_encoder
         image_latents = encode(views.pixels.to(self.dtype)).repeat_interleave(views.members, dim=0)
         noise = generators_of_members(generator, images, members)
+        shape = (len(image_latents), codec.channels, *image_latents.shape[-2:])
+        _require_shape(shape, latents=latents, previous_latents=previous_latents)
         if latents is None:
-            shape = (len(image_latents), codec.channels, *image_latents.shape[-2:])
             latents = randn_tensor(shape, noise, device=device, dtype=self.dtype)
         latents = latents.to(device, self.dtype)
         share = 1.0 if previous_latents is None else restart
@@ -202,33 +203,47 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 told = views.tell(measured, clean, codec)
                 again = self._schedule(settings, steps, share)
                 clean = sample(*again, codec, latents, told=told)
-        affine = self.affine_depth(codec.decode(clean), views.padding, views.size)
-        groups = views.upright(affine)
-        if measured is None:
-            answers = [without_measurements(group) for group in groups]
-        else:
-            maps = None if confidence is None else stack_maps(confidence).float().to(device)
-            colour = self._colour(image) if settings.finishing.consistent else None
-            answers = [
-                finish(
-                    group,
-                    measured[0][i].to(device),
-                    measured[1][i].to(device),
-                    settings.finishing,
-                    noise=sensor_noise or SensorNoise(),
-                    confidence=None if maps is None else maps[i],
-                    image=None if colour is None else colour[i],
-                )
-                for i, group in enumerate(groups)
-            ]
-        self.maybe_free_model_hooks()
-        answer = join_completions(answers)
+        members_of_each = views.upright(
+            self.affine_depth(codec.decode(clean), views.padding, views.size)
+        )
+        answer = self._finish(
+            members_of_each, image, measured, confidence, sensor_noise, settings.finishing
+        )
         if steering is not None:
             linear = shortcut.linear_steps if isinstance(shortcut, LinearCodec) else 0
-            answer = replace(
-                answer, exact_codec_steps=len(timesteps) - linear, linear_codec_steps=linear
-            )
+            exact = len(timesteps) - linear
+            answer = replace(answer, exact_codec_steps=exact, linear_codec_steps=linear)
+        self.maybe_free_model_hooks()
         return _output(answer, output_type, return_dict)
+
+    def _finish(
+        self,
+        members_of_each: list[Tensor],
+        image: Any,
+        measured: tuple[Tensor, Tensor] | None,
+        confidence: Maps | None,
+        sensor_noise: SensorNoise | None,
+        finishing: Finishing,
+    ) -> DepthCompletion:
+        """The answers of the ensemble's members [members, height, width] for each image, as one."""
+        if measured is None:
+            return join_completions([without_measurements(m) for m in members_of_each])
+        device = self._execution_device
+        maps = None if confidence is None else stack_maps(confidence).float().to(device)
+        colour = self._colour(image) if finishing.consistent else None
+        answers = [
+            finish(
+                members,
+                measured[0][i].to(device),
+                measured[1][i].to(device),
+                finishing,
+                noise=sensor_noise or SensorNoise(),
+                confidence=None if maps is None else maps[i],
+                image=None if colour is None else colour[i],
+            )
+            for i, members in enumerate(members_of_each)
+        ]
+        return join_completions(answers)
 
     def _views(self, image: Any, resolution: int, settings: Preset) -> Views:
         """The images on the processing grid."""
@@ -253,22 +268,14 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         return steps, resolution
 
     def _check(
-        self,
-        image: Any,
-        steps: int,
-        members: int,
-        resolution: int,
-        latents: Tensor | None,
-        generator: Generators,
+        self, image: Any, steps: int, members: int, resolution: int, generator: Generators
     ) -> int:
         """The number of images; stock Marigold's checks, as errors of this package."""
-        if members == 2:  # stock Marigold warns of a pair, which is fine here
-            members = 1 if latents is None else members
-        one = None if isinstance(generator, list) else generator
+        members = 1 if members == 2 else members  # stock Marigold warns of a pair
         try:
             images: int = self.check_inputs(
                 image, steps, members, resolution, "bilinear", "bilinear", 1,
-                None, latents, one, "pt", False,
+                None, None, None, "pt", False,
             )  # fmt: skip
         except ValueError as error:
             raise InputError(str(error)) from error
@@ -392,6 +399,13 @@ def _steering(
         generators=generators,
         device=device,
     )
+
+
+def _require_shape(shape: tuple[int, ...], **tensors: Tensor | None) -> None:
+    """InputError for a tensor that is given and has another shape."""
+    for name, tensor in tensors.items():
+        if tensor is not None and tuple(tensor.shape) != shape:
+            raise InputError(f"{name} is {list(tensor.shape)}, but must be {list(shape)}")
 
 
 def _output(answer: DepthCompletion, output_type: str, return_dict: bool) -> Any:
