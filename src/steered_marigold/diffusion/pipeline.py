@@ -199,13 +199,16 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 steering=steering,
                 steering_strength=settings.steering_strength,
             )
+            estimates = [codec.decode(clean)]
             if measured is not None and settings.continuation and self.config.continues_known:
-                told = views.tell(measured, clean, codec)
+                told = views.tell(measured, estimates[0], codec)
                 again = self._schedule(settings, steps, share)
-                clean = sample(*again, codec, latents, told=told)
-        members_of_each = views.upright(
-            self.affine_depth(codec.decode(clean), views.padding, views.size)
-        )
+                estimates.append(codec.decode(sample(*again, codec, latents, told=told)))
+        passes = [
+            views.upright(self.affine_depth(decoded, views.padding, views.size))
+            for decoded in estimates
+        ]
+        members_of_each = [torch.cat(members) for members in zip(*passes, strict=True)]
         answer = self._finish(
             members_of_each, image, measured, confidence, sensor_noise, settings.finishing
         )

@@ -118,6 +118,8 @@ FAST = replace(
     num_inference_steps=1,
     max_anchors=1500,
     ensemble_size=1,
+    mirror=False,
+    continuation=False,
     scheduler=(None, {"timestep_spacing": "trailing"}),
 )
 PRESETS = {"paper": PAPER, "default": DEFAULT, "fast": FAST}

@@ -58,19 +58,19 @@ class Views:
     def tell(
         self,
         measured: tuple[Float[Tensor, "images height width"], Bool[Tensor, "images height width"]],
-        estimate: Float[Tensor, "answers channels h w"],
+        estimate: Float[Tensor, "answers h w"],
         codec: DepthCodec,
     ) -> Told:
         """The measurements as latents, in the units of a first estimate, for every member."""
-        decoded = codec.decode(estimate).float()
-        cell = decoded.shape[-1] // estimate.shape[-1]
-        maps, known = [], []
+        maps, trusted = [], []
         for members, depth, mask in zip(
-            torch.split(decoded, self.members), *self.on_grid(*measured), strict=True
+            torch.split(estimate.float(), self.members), *self.on_grid(*measured), strict=True
         ):
-            told, trusted = told_depth(median(members), depth.to(decoded), mask.to(decoded.device))
+            told, believed = told_depth(median(members), depth.to(members), mask.to(members.device))
             maps.append(told)
-            known.append(known_cells(trusted, cell))
-        latents = codec.encode(torch.stack(maps)).repeat_interleave(self.members, dim=0)
-        cells = torch.stack(known)[:, None].repeat_interleave(self.members, dim=0)
-        return Told(latents, cells)
+            trusted.append(believed)
+        latents = codec.encode(torch.stack(maps))
+        cell = estimate.shape[-1] // latents.shape[-1]
+        known = torch.stack([known_cells(mask, cell) for mask in trusted])[:, None]
+        latents, known = (x.repeat_interleave(self.members, dim=0) for x in (latents, known))
+        return Told(latents, known)
