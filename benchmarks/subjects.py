@@ -79,9 +79,10 @@ def sample_frame(width: int, height: int, points: int) -> BenchmarkFrame:
 
 
 def read_frame(folder: Path) -> BenchmarkFrame:
-    """The sensor frame in a folder with rgb.jpg and depth.png."""
+    """The sensor frame in a folder with an image named rgb and depth.png."""
     measured = read_depth(folder / "depth.png")
-    return BenchmarkFrame(read_image(folder / "rgb.jpg"), measured.depth, measured.valid_mask)
+    image = read_image(next(folder.glob("rgb.*")))
+    return BenchmarkFrame(image, measured.depth, measured.valid_mask)
 
 
 def embedded_pipeline(dtype: torch.dtype = torch.float32) -> SteeredMarigoldPipeline:

@@ -132,7 +132,7 @@ def frame_table(rows: Sequence[Mapping[str, Any]]) -> str:
 def main(
     output: Annotated[Path, typer.Option(help="Folder of the JSON file.")] = Path("runs/bench"),
     frame: Annotated[
-        Path, typer.Option(help="Folder of a sensor's frame: rgb.jpg and depth.png.")
+        Path, typer.Option(help="Folder of a sensor's frame: rgb.* and depth.png.")
     ] = Path("../shared/data/real_frames/realsense_2"),
     repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each.")] = 5,
     threads: Annotated[int, typer.Option(min=1)] = 2,

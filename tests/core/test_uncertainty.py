@@ -6,9 +6,11 @@ import pytest
 import torch
 
 from steered_marigold.core.consistency import SensorNoise
-from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty
+from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty, mean_steps
 
-MODEL = UncertaintyModel(near=0.01, reach=0.8, length=0.05, extrapolation=2.0, spread=0.5)
+MODEL = UncertaintyModel(
+    near=0.01, reach=0.8, length=0.05, extrapolation=2.0, spread=0.5, relief=6.0
+)
 DEPTH = torch.full((30, 40), 2.0)
 
 
@@ -55,4 +57,25 @@ def test_beyond_the_deepest_measurement_it_grows_faster(trusted: torch.Tensor) -
     deep = DEPTH.clone()
     deep[:, 30:] = 6.0
     result = estimate_uncertainty(MODEL, deep * 1.1, deep, deep, trusted, None, SensorNoise())
-    assert result[15, 35] / 6 > 1.5 * result[15, 29] / 2
+    assert result[15, 35] / 6 > 1.5 * result[15, 26] / 2
+
+
+def test_it_is_larger_around_depth_edges(trusted: torch.Tensor) -> None:
+    edge = DEPTH.clone()
+    edge[:, 30:] = 3.0
+    with_edge, without = estimate(trusted, prior=edge), estimate(trusted, prior=DEPTH)
+    assert (with_edge[:, 28:31] > without[:, 28:31]).all()
+    torch.testing.assert_close(with_edge[:, 12:24], without[:, 12:24])
+
+
+def test_mean_steps_against_a_loop() -> None:
+    values = torch.rand(7, 9, generator=torch.Generator().manual_seed(0))
+    steps = torch.zeros_like(values)
+    steps[:, :-1] += (values[:, 1:] - values[:, :-1]).abs()
+    steps[:-1] += (values[1:] - values[:-1]).abs()
+    expected = torch.empty_like(values)
+    for y in range(7):
+        for x in range(9):
+            window = steps[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3]
+            expected[y, x] = window.mean()
+    torch.testing.assert_close(mean_steps(values, radius=2), expected)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from scipy import ndimage
 from torch import Tensor
@@ -13,14 +14,15 @@ from steered_marigold.core.consistency import SensorNoise
 @dataclass(frozen=True)
 class UncertaintyModel:
     """sigma^2 = sensor^2 + depth^2 (near + reach D far (1 + extrapolation beyond))^2
-    + (spread members far)^2, with far = 1 - exp(-(distance / length)^1.5).
+    + (spread members far)^2 + (relief steps depth far)^2, far = 1 - exp(-(distance / length)^1.5).
 
     D is the relative disagreement (root mean square) of the prior with the trusted measurements,
     beyond = max(0, log(depth / deepest measurement)): scale and shift are only fitted so far.
 
     near: relative error beside a measurement. reach: factor on D far from all measurements.
     length: where that is reached, as a share of the image's diagonal. spread: factor on the
-    ensemble members' median absolute deviation.
+    ensemble members' median absolute deviation. relief: factor on `steps`, the mean difference of
+    the prior's log depth between neighbours around a pixel: where depth jumps, it jumps elsewhere.
     """
 
     near: float
@@ -28,8 +30,11 @@ class UncertaintyModel:
     length: float
     extrapolation: float
     spread: float
+    relief: float
 
 
+# side of the window of `relief`, as a share of the image's diagonal
+RELIEF_WINDOW = 0.04
 # relative disagreement assumed where a handful of measurements agrees with any fit
 LEAST_DISAGREEMENT = 0.05
 
@@ -51,13 +56,28 @@ def estimate_uncertainty(
     """
     distance = torch.from_numpy(ndimage.distance_transform_edt(~trusted.cpu().numpy())).to(depth)
     height, width = depth.shape
-    far = 1 - torch.exp(-((distance / (height**2 + width**2) ** 0.5 / model.length) ** 1.5))
+    diagonal = (height**2 + width**2) ** 0.5
+    far = 1 - torch.exp(-((distance / diagonal / model.length) ** 1.5))
     measured = sparse_depth[trusted]
     disagreement = (measured.log() - prior[trusted].log()).square().mean().sqrt()
     beyond = (depth / measured.max()).log().clamp(min=0)
     reach = model.reach * disagreement.clamp(min=LEAST_DISAGREEMENT)
     relative = model.near * (distance > 0) + reach * far * (1 + model.extrapolation * beyond)
     variance = (depth * relative).square() + (depth * noise.relative(depth)).square()
+    steps = mean_steps(prior.log(), radius=round(RELIEF_WINDOW * diagonal / 2))
+    variance = variance + (model.relief * steps * depth * far).square()
     if spread is not None:
         variance = variance + (model.spread * spread * far).square()
     return variance.sqrt()
+
+
+def mean_steps(
+    values: Float[Tensor, "height width"], *, radius: int
+) -> Float[Tensor, "height width"]:
+    """Mean over a window of the differences to the right and the lower neighbour, absolute."""
+    right = F.pad(values.diff(dim=1).abs(), (0, 1))
+    down = F.pad(values.diff(dim=0).abs(), (0, 0, 0, 1))
+    maps = (right + down)[None, None]
+    for kernel, padding in (((2 * radius + 1, 1), (radius, 0)), ((1, 2 * radius + 1), (0, radius))):
+        maps = F.avg_pool2d(maps, kernel, stride=1, padding=padding, count_include_pad=False)
+    return maps[0, 0]

@@ -18,7 +18,9 @@ PAPER_SCHEDULER = {
     "thresholding": False,
 }
 # coverage of the 90 % interval on the tune split (docs/method.md)
-CALIBRATED = UncertaintyModel(near=0.004, reach=0.85, length=0.02, extrapolation=3.0, spread=0.5)
+CALIBRATED = UncertaintyModel(
+    near=0.005, reach=0.86, length=0.03, extrapolation=3.0, spread=1.5, relief=14.0
+)
 # how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
 SteeringCodec = Literal["exact", "tiny", "linear"]
 AS_FITTED = Finishing(robust=False, consistent=False, minimum_depth=None)
