@@ -12,6 +12,9 @@ from steered_marigold.core.consistency import SensorNoise, agree_with_measuremen
 from steered_marigold.core.outliers import fit_scale_shift_robust, trusted_measurements
 from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty
 
+# measurements that the robust fit reads, evenly spread over all; more change nothing
+MAX_ROBUST = 20_000
+
 
 @dataclass(frozen=True, kw_only=True)
 class Finishing:
@@ -100,13 +103,19 @@ def _fit(
     confidence: Float[Tensor, "height width"] | None,
 ) -> tuple[ScaleShift, Bool[Tensor, " members"]]:
     """Each member's scale and shift, and where a slope <= 0 gave way to the ratio of means."""
-    target, mask = sparse_depth.expand_as(members), valid_mask.expand_as(members)
-    weights = None if confidence is None else confidence.expand_as(members)
+    usable = valid_mask if confidence is None else valid_mask & (confidence > 0)
+    where = usable.flatten().nonzero()[:, 0]
+    if robust and len(where) > MAX_ROBUST:
+        where = where[torch.linspace(0, len(where) - 1, MAX_ROBUST, device=where.device).long()]
+    source = members.flatten(1)[:, where]
+    target = sparse_depth.flatten()[where].expand_as(source)
+    weights = None if confidence is None else confidence.flatten()[where].expand_as(source)
+    mask = torch.ones_like(source, dtype=torch.bool)
     if robust:
-        fit = fit_scale_shift_robust(members, target, mask, confidence=weights)
+        fit = fit_scale_shift_robust(source, target, mask, confidence=weights)
     else:
-        fit = fit_scale_shift(members, target, mask, weights=weights)
-    return fit.where(fit.increasing, ratio_of_means(members, target, mask)), ~fit.increasing
+        fit = fit_scale_shift(source, target, mask, weights=weights)
+    return fit.where(fit.increasing, ratio_of_means(source, target, mask)), ~fit.increasing
 
 
 def without_measurements(members: Float[Tensor, "members height width"]) -> DepthCompletion:
