@@ -149,7 +149,10 @@ def complete(
     ] = None,
     dtype: Annotated[
         Dtype | None,
-        _method(help="What the model computes in; auto: the fastest.", show_default="float32"),
+        _method(
+            help="What the model computes in; auto: what the device is fastest in.",
+            show_default="auto, for preset paper float32",
+        ),
     ] = None,
     compiled: Annotated[
         bool,

@@ -62,11 +62,13 @@ class SteeredCompleter:
         sensor_noise: SensorNoise | None = None,
         progress: bool = False,
     ) -> "SteeredCompleter":
-        """Loads a checkpoint (see `load_pipeline`); dtype None is float32, "auto" the fastest.
+        """Loads a checkpoint (see `load_pipeline`). dtype: None is "auto", the device's fastest, but
+        float32 for preset "paper".
 
         Raises CheckpointError, or InputError for an unknown preset, device or dtype.
         """
         get_preset(preset)
+        dtype = dtype or ("float32" if preset == "paper" else "auto")
         return cls(
             load_pipeline(checkpoint, device=device, dtype=_parse_dtype(dtype), compiled=compiled),
             checkpoint,
@@ -156,7 +158,7 @@ class MarigoldCompleter(SteeredCompleter):
 
 
 def _parse_dtype(dtype: torch.dtype | str | None) -> torch.dtype | None:
-    """What `load_pipeline` takes; float32 unless something else is asked for."""
+    """What `load_pipeline` takes; None is float32."""
     if isinstance(dtype, torch.dtype):
         return dtype
     known = {
