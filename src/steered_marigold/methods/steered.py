@@ -62,8 +62,9 @@ class SteeredCompleter:
         sensor_noise: SensorNoise | None = None,
         progress: bool = False,
     ) -> "SteeredCompleter":
-        """Loads a checkpoint (see `load_pipeline`). dtype: None is "auto", the device's fastest, but
-        float32 for preset "paper".
+        """Loads a checkpoint (see `load_pipeline`).
+
+        dtype: None is "auto", what the device is fastest in, but float32 for preset "paper".
 
         Raises CheckpointError, or InputError for an unknown preset, device or dtype.
         """
