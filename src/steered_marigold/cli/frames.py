@@ -150,6 +150,8 @@ def complete_frame(
         "checkpoint": completer.checkpoint,
         "preset": completer.preset,
         "steps": completer.num_inference_steps,
+        "exact_codec_steps": completion.exact_codec_steps,
+        "linear_codec_steps": completion.linear_codec_steps,
         "seed": settings.seed,
         "device": str(completer.device),
         "dtype": str(completer.dtype).removeprefix("torch."),
