@@ -132,8 +132,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         "exact" steers through the VAE, "tiny" through `steering_vae`, "linear" through a linear map
         that is fitted and checked in the run.
         mirror: every other member of an even ensemble sees the image mirrored.
-        continuation: denoise a second time, told the measured depth; only with a checkpoint that
-        `continues_known`.
+        continuation: denoise a second time, told the measured depth, and merge both answers; only
+        with a checkpoint that `continues_known`.
         robust: fit so that wrong measurements hardly count, and leave them out. consistent: make
         the answer agree with the measurements. sensor_noise: how closely, with `consistent`; None
         is exactly.
@@ -189,7 +189,9 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         if measured is not None and settings.steering_strength != 0:
             forks = fork_generators(generator, images)
             steering = _steering(settings, views.on_grid(*measured), views.of_each(forks), device)
-        with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, steps) as end:
+        known = measured if settings.continuation and self.config.continues_known else None
+        calls = len(timesteps) * (1 if known is None else 2)
+        with self._step_end(callback_on_step_end, callback_on_step_end_tensor_inputs, calls) as end:
             sample = partial(denoise, predict, generator=noise, step_end=end)
             clean = sample(
                 scheduler,
@@ -200,8 +202,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
                 steering_strength=settings.steering_strength,
             )
             estimates = [codec.decode(clean)]
-            if measured is not None and settings.continuation and self.config.continues_known:
-                told = views.tell(measured, estimates[0], codec)
+            if known is not None:
+                told = views.tell(known, estimates[0], codec)
                 again = self._schedule(settings, steps, share)
                 estimates.append(codec.decode(sample(*again, codec, latents, told=told)))
         passes = [
@@ -344,16 +346,16 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
 
     @contextmanager
     def _step_end(
-        self, callback: CallbackOnStepEnd | None, inputs: Sequence[str], steps: int
+        self, callback: CallbackOnStepEnd | None, inputs: Sequence[str], calls: int
     ) -> Iterator[StepEnd]:
-        """What happens after each step: progress, and the caller's callback."""
+        """What happens after each of so many steps: progress, and the caller's callback."""
         unknown = set(inputs) - set(self._callback_tensor_inputs)
         if unknown:
             raise InputError(
                 f"callback_on_step_end_tensor_inputs has {sorted(unknown)}; "
                 f"known are {self._callback_tensor_inputs}"
             )
-        with self.progress_bar(total=steps) as progress:
+        with self.progress_bar(total=calls) as progress:
 
             def step_end(i: int, t: Tensor, tensors: dict[str, Tensor | None]) -> Tensor:
                 progress.update()
