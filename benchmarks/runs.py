@@ -26,19 +26,23 @@ RUNS: Mapping[str, Mapping[str, Any]] = {
 OURS = tuple(name for name in RUNS if name != "paper")
 
 
-def run_reference(pipeline: SteeredMarigoldPipeline, frame: BenchmarkFrame) -> int:
-    """The authors' procedure with the models of a pipeline; returns how many maps it steered."""
-    models = reference.Models(
+def reference_models(pipeline: SteeredMarigoldPipeline) -> reference.Models:
+    """A pipeline's models as the reference takes them."""
+    return reference.Models(
         unet=pipeline.unet,
         vae=pipeline.vae,
         encode_image=image_side(pipeline),
         prompt=reference.empty_prompt(pipeline.tokenizer, pipeline.text_encoder),
         noise=pipeline.scheduler.config,
     )
+
+
+def run_reference(pipeline: SteeredMarigoldPipeline, frame: BenchmarkFrame) -> int:
+    """The authors' procedure with the models of a pipeline; returns how many maps it steered."""
     height, width = frame.mask.shape
     generator = torch.Generator().manual_seed(0)
     reference.complete(
-        models,
+        reference_models(pipeline),
         2 * frame.unit_image[None] - 1,
         frame.sparse_depth.double().numpy(),
         frame.mask.numpy(),

@@ -4,6 +4,7 @@ Data comes from `python -m training.rooms --output ROOMS --frames 9000`.
 """
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -36,42 +37,35 @@ def _start(checkpoint: str | None, nyuv2: Path | None) -> Path | None:
     return None if checkpoint == "scratch" else Path(checkpoint)
 
 
-@app.command("image-branch")
-def _image_branch(
-    runs: Runs,
-    rooms: Rooms = None,
-    nyuv2: Nyuv2 = None,
-    minutes: Minutes = 60,
-    checkpoint: From = None,
+def _add_stage(
+    name: str, train: Callable[..., None], folder: str, default_minutes: float, summary: str
 ) -> None:
-    """Stage 1: the image encoder as a regressor."""
-    start = _start(checkpoint, nyuv2)
-    image_branch.train(nyuv2, rooms, runs / "image_branch", minutes=minutes, start=start)
+    """A command that trains one stage in a folder of RUNS; all stages take the same options."""
+
+    @app.command(name, help=summary)
+    def stage(
+        runs: Runs,
+        rooms: Rooms = None,
+        nyuv2: Nyuv2 = None,
+        minutes: Minutes = default_minutes,
+        checkpoint: From = None,
+    ) -> None:
+        start = _start(checkpoint, nyuv2)
+        train(nyuv2, rooms, runs / folder, minutes=minutes, start=start)
 
 
-@app.command("codec")
-def _codec(
-    runs: Runs,
-    rooms: Rooms = None,
-    nyuv2: Nyuv2 = None,
-    minutes: Minutes = 40,
-    checkpoint: From = None,
-) -> None:
-    """Stage 2: depth to latents and back; independent of stage 1."""
-    start = _start(checkpoint, nyuv2)
-    codec.train(nyuv2, rooms, runs / "codec", minutes=minutes, start=start)
-
-
-@app.command("denoiser")
-def _denoiser(
-    runs: Runs,
-    rooms: Rooms = None,
-    nyuv2: Nyuv2 = None,
-    minutes: Minutes = 60,
-    checkpoint: From = None,
-) -> None:
-    """Stage 3: the U-Net on the frozen results of stages 1 and 2."""
-    denoiser.train(nyuv2, rooms, runs, minutes=minutes, start=_start(checkpoint, nyuv2))
+_add_stage(
+    "image-branch", image_branch.train, "image_branch", 60,
+    "Stage 1: the image encoder as a regressor.",
+)  # fmt: skip
+_add_stage(
+    "codec", codec.train, "codec", 40,
+    "Stage 2: depth to latents and back; independent of stage 1.",
+)  # fmt: skip
+_add_stage(
+    "denoiser", denoiser.train, "", 60,
+    "Stage 3: the U-Net on the frozen results of stages 1 and 2.",
+)  # fmt: skip
 
 
 @app.command("export")

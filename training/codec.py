@@ -7,7 +7,7 @@ import torch
 from diffusers import AutoencoderKL
 from torch import Tensor, nn
 
-from training.data import MixedFrames, batches, image_to_model
+from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
 from training.image_branch import gradient_loss, held_out_frames
 from training.start import has_run, load_part
 from training.trainer import Batch, Trainer
@@ -64,8 +64,8 @@ def validate(codec: nn.Module, depths: Tensor) -> dict[str, float]:
     """abs_rel of the true depth of held-out frames through encoder and decoder."""
     total = 0.0
     for depth in depths:
-        low, high = torch.quantile(depth, torch.tensor([0.02, 0.98]))
-        x = (2 * (depth - low) / (high - low) - 1).clamp(-1, 1)[None]
+        low, high = depth_range(depth.numpy())
+        x = torch.from_numpy(normalise(depth.numpy()))[None]
         with torch.autocast("cpu", torch.bfloat16):
             y = reconstruction(codec, x.expand(-1, 3, -1, -1))[0]
         y = y.float().mean(dim=1, keepdim=True).clamp(-1, 1)

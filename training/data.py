@@ -57,9 +57,15 @@ def read_nyu_frame(folder: Path, index: int) -> Frame:
     return Frame(np.asarray(image, np.uint8), np.asarray(depth, np.uint16))
 
 
+def depth_range(depth: npt.NDArray[np.floating[Any]]) -> tuple[float, float]:
+    """The depths [m] that map to -1 and 1: the 2 % and the 98 % percentile."""
+    low, high = np.percentile(depth, (2, 98))
+    return float(low), float(high)
+
+
 def normalise(depth: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
     """Affine-invariant depth in [-1, 1] of a depth map without holes."""
-    low, high = np.percentile(depth, (2, 98))
+    low, high = depth_range(depth)
     scaled = 2 * (depth - low) / max(high - low, 1e-3) - 1
     return np.asarray(np.clip(scaled, -1, 1), np.float32)
 

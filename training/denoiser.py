@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
@@ -21,7 +20,7 @@ from torch import Tensor, nn
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from training import codec as codec_stage
 from training import image_branch
-from training.data import MixedFrames, batches, image_to_model, normalise
+from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
 from training.image_branch import affine_errors, held_out_frames
 from training.start import has_run, load_part
 from training.trainer import Batch, Trainer
@@ -251,7 +250,7 @@ def train(
         window = (..., *HOLE)
         for image, depth in zip(*held_out, strict=True):
             normalised = torch.from_numpy(normalise(depth.numpy()))
-            low, high = (float(q) for q in np.percentile(depth, (2, 98)))
+            low, high = depth_range(depth.numpy())
             with torch.autocast("cpu", torch.bfloat16):
                 features = encoder(image_to_model(image[None])).float() * scales["image"]
                 noise = torch.randn(1, 4, *features.shape[-2:], generator=generator)

@@ -88,5 +88,6 @@ def export(runs: Path, target: Path, start: Path | None = None) -> None:
     temporary = target.with_name(target.name + ".part")
     shutil.rmtree(temporary, ignore_errors=True)
     assemble(runs, start).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
+    (temporary / "NOTICE").write_text(NOTICE, encoding="utf-8")
     shutil.rmtree(target, ignore_errors=True)
     temporary.replace(target)

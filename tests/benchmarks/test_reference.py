@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from benchmarks import reference
-from benchmarks.runs import image_side
+from benchmarks.runs import reference_models
 from steered_marigold.core.anchors import Anchors, far_from_known, select_anchors
 from steered_marigold.core.interpolation import ScatteredInterpolant
 from steered_marigold.core.steering import normalise_condition, steering_target
@@ -59,17 +59,10 @@ def test_preset_paper_is_the_reference(align: bool) -> None:
     image = torch.rand(3, HEIGHT, WIDTH, generator=seeded(4))
     generator = seeded(6)
     latents = torch.randn(1, 4, HEIGHT // 8, WIDTH // 8, generator=generator)
-    models = reference.Models(
-        unet=pipeline.unet,
-        vae=pipeline.vae,
-        encode_image=image_side(pipeline),
-        prompt=reference.empty_prompt(pipeline.tokenizer, pipeline.text_encoder),
-        noise=pipeline.scheduler.config,
-    )
     # the pipeline seeds its anchors with what its generator would give next
     anchor_seed = int(torch.randint(2**62, (), generator=generator.clone_state()))
     expected = reference.complete(
-        models,
+        reference_models(pipeline),
         2 * image[None] - 1,
         depth.double().numpy(),
         mask.numpy(),

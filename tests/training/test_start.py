@@ -9,6 +9,7 @@ from torch import nn
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from training import codec, denoiser
 from training.__main__ import _start
+from training.export import NOTICE
 from training.start import CHECKPOINT, load_part
 
 
@@ -50,3 +51,7 @@ def test_terms_of_nyuv2_do_not_come_in_by_default() -> None:
     assert _start(None, Path("nyuv2")) == CHECKPOINT
     assert _start("scratch", Path("nyuv2")) is None
     assert _start("folder", None) == Path("folder")
+
+
+def test_the_terms_lie_beside_the_weights() -> None:
+    assert (CHECKPOINT / "NOTICE").read_text(encoding="utf-8") == NOTICE

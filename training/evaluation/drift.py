@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
-import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from torch import Tensor
@@ -18,6 +17,7 @@ from steered_marigold.evaluation.steering_figure import SteeringStep, record_ste
 from steered_marigold.io.files import atomic_write
 from steered_marigold.methods.registry import create_method
 from steered_marigold.methods.steered import SteeredCompleter
+from training.data import depth_range
 from training.evaluation.subject import SEED, Row, Subject, evenly_spaced
 
 ALIGNMENTS = ("least_squares", "minmax")
@@ -74,7 +74,7 @@ def _course(
 ) -> Course:
     depth, known = _measured_on_grid(pipeline, frame, steps[0].predicted)
     condition = normalise_condition(depth, known)
-    low, high = (float(x) for x in np.percentile(frame.depth.numpy(), (2, 98)))
+    low, high = depth_range(frame.depth.numpy())
     truth = 2 * (depth - low) / (high - low) - 1
     return Course(
         frame.frame_id,

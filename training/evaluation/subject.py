@@ -17,7 +17,7 @@ from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.evaluation.protocol import PreparedFrame, Protocol
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.settings import RunSettings
-from training.data import Frame, image_to_model, normalise, read_split, resized
+from training.data import Frame, depth_range, image_to_model, normalise, read_split, resized
 
 SEED = 0
 Row = dict[str, Any]
@@ -127,7 +127,7 @@ class Subject:
         millimetres = (frame.depth * 1000).round().numpy().astype(np.uint16)
         small = resized(Frame(frame.image.numpy(), millimetres))
         metres = small.depth.astype(np.float32) / 1000
-        low, high = (float(x) for x in np.percentile(metres, (2, 98)))
+        low, high = depth_range(metres)
         image = torch.from_numpy(small.image.transpose(2, 0, 1).copy())[None]
         normalised = torch.from_numpy(normalise(metres))[None]
         return NativeFrame(image_to_model(image), normalised, low, high)

@@ -167,8 +167,7 @@ def seam_step(
     outside: the mean absolute step of log depth between the middle two, less that of the steps
     one pixel further in on both sides, less the same of the truth. 0 is no seam; 0.01 a jump of
     about 1 % of the depth that the truth does not have. Only fours where the truth is known and
-    has no edge (no step of 0.05 or more) count; None if they are fewer than
-    30.
+    has no edge (no step of 0.05 or more) count; None if they are fewer than 30.
     """
     known, mask = known.cpu(), mask.cpu()
     maps = [x.detach().cpu().double().where(mask, 1.0) for x in (prediction, target)]

@@ -87,7 +87,7 @@ class LinearCodec:
 
     def _agrees(self, depths: Tensor, change: Tensor, moved: Tensor) -> bool:
         """Whether the maps as fitted so far foretell this exact step."""
-        if not self.exact_steps > 1:
+        if self.exact_steps < 2:
             return False
         decode_error = (self._decoder(self._seen) - depths).abs().mean()
         encode_error = (self._encoder(change) - moved).square().mean().sqrt()
