@@ -17,7 +17,10 @@ from training.start import CHECKPOINT
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Runs = Annotated[Path, typer.Option(help="Folder of logs and weights; a stage resumes from it.")]
 Rooms = Annotated[Path | None, typer.Option(help="Folder of procedural shards.")]
-Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder; without it rooms alone.")]
+Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder.")]
+ProceduralOnly = Annotated[
+    bool, typer.Option("--procedural-only", help="Train on rooms alone; measure on NYUv2's tune.")
+]
 Minutes = Annotated[float, typer.Option(help="How long to train.")]
 From = Annotated[
     str | None,
@@ -25,7 +28,8 @@ From = Annotated[
         "--from",
         metavar="CHECKPOINT|scratch",
         help="A checkpoint folder for what has no weights in RUNS yet, or scratch for ImageNet's "
-        "alone. Default: the embedded checkpoint; scratch without --nyuv2, to keep its terms away.",
+        "alone. Default: the embedded checkpoint; scratch with --procedural-only or without "
+        "--nyuv2, to keep its terms away.",
     ),
 ]
 
@@ -47,11 +51,13 @@ def _add_stage(
         runs: Runs,
         rooms: Rooms = None,
         nyuv2: Nyuv2 = None,
+        procedural_only: ProceduralOnly = False,
         minutes: Minutes = default_minutes,
         checkpoint: From = None,
     ) -> None:
-        start = _start(checkpoint, nyuv2)
-        train(nyuv2, rooms, runs / folder, minutes=minutes, start=start)
+        frames = None if procedural_only else nyuv2
+        start = _start(checkpoint, frames)
+        train(frames, rooms, runs / folder, minutes=minutes, held_out=nyuv2, start=start)
 
 
 _add_stage(

@@ -8,7 +8,7 @@ from diffusers import AutoencoderKL
 from torch import Tensor, nn
 
 from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
-from training.image_branch import gradient_loss, held_out_frames
+from training.image_branch import gradient_loss, held_out_frames, nearness
 from training.start import has_run, load_part
 from training.trainer import Batch, Trainer
 
@@ -80,9 +80,14 @@ def train(
     run: Path,
     *,
     minutes: float,
+    held_out: Path | None = None,
     start: Path | None = None,
 ) -> None:
-    """Trains the codec; `run/last.pt` holds it. start: the checkpoint to begin with, or None."""
+    """Trains the codec; `run/last.pt` holds it.
+
+    held_out: the folder on whose tune split the curve is measured, or None. start: the checkpoint
+    to begin with, or None.
+    """
     codec = build().to(memory_format=torch.channels_last)
     if not has_run(run):
         load_part(codec, start, "vae")
@@ -94,7 +99,7 @@ def train(
             decoded, latents = reconstruction(codec, image, generator)
         error = decoded.float() - image
         terms = {
-            "depth": error[COLOUR:].abs().mean(),
+            "depth": (nearness(image[COLOUR:]) * error[COLOUR:].abs()).mean(),
             "colour": error[:COLOUR].abs().mean(),
             "edges": gradient_loss(error[COLOUR:]),
             "size": latents.float().square().mean(),
@@ -104,7 +109,7 @@ def train(
 
     data = MixedFrames(nyuv2, rooms, rooms_share=0.5, seed=1)
     validation = None
-    if nyuv2:
-        validation = partial(validate, depths=held_out_frames(nyuv2, "tune")[1][::4])
+    if held_out:
+        validation = partial(validate, depths=held_out_frames(held_out, "tune")[1][::4])
     groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.2e-3}]
     Trainer(codec, groups, run, minutes).fit(batches(data, 16), loss_function, validation)

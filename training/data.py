@@ -22,6 +22,8 @@ SPLITS = Path(__file__).parent / "splits"
 GAP = 5
 # the outermost pixels of NYUv2 frames are a white frame with in-painted depth
 NYU_BORDER = 8
+# standard deviation of the angle by which a crop is turned [degrees]
+TURN = 4.0
 
 Image = npt.NDArray[np.uint8]
 Depth = npt.NDArray[np.uint16]
@@ -78,19 +80,41 @@ def resized(frame: Frame) -> Frame:
 
 
 def augment(frame: Frame, border: int, rng: np.random.Generator) -> Frame:
-    """A random crop, mirrored or not, at the training size, with other colours."""
-    height, width = frame.depth.shape
-    zoom = rng.uniform(0.65, 1.0)
-    crop_w = int((width - 2 * border) * zoom * rng.uniform(0.9, 1.0))
-    crop_h = int((height - 2 * border) * zoom * rng.uniform(0.9, 1.0))
-    x = int(rng.integers(border, width - border - crop_w + 1))
-    y = int(rng.integers(border, height - border - crop_h + 1))
-    window = slice(y, y + crop_h), slice(x, x + crop_w)
-    crop = resized(Frame(frame.image[window], frame.depth[window]))
+    """A random crop, turned a little, mirrored or not, at the training size, in other colours."""
+    crop = _random_crop(frame, border, rng)
     image, depth = crop.image, crop.depth
     if rng.random() < 0.5:
         image, depth = image[:, ::-1], depth[:, ::-1]
     return Frame(_recolour(image, rng), np.ascontiguousarray(depth))
+
+
+def _random_crop(frame: Frame, border: int, rng: np.random.Generator) -> Frame:
+    """A box of the frame without its border, turned by some degrees, at the training size."""
+    inner = np.array(frame.depth.shape[::-1]) - 2 * border
+    sides = inner * rng.uniform(0.55, 1.0) * rng.uniform(0.9, 1.0, size=2)
+    angle = np.deg2rad(rng.normal(0, TURN))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    around = np.abs(turn) @ sides  # the upright box around the turned one
+    shrink = min(1.0, float((inner / around).min()))
+    sides, around = sides * shrink, around * shrink
+    centre = border + around / 2 + rng.random(2) * (inner - around)
+
+    def warped(source: npt.NDArray[Any], scale: int, interpolation: int) -> npt.NDArray[Any]:
+        size = np.array([WIDTH, HEIGHT]) * scale
+        linear = turn * (sides / size)
+        # pixel centres lie at halves
+        shift = centre - turn @ sides / 2 + linear.sum(axis=1) / 2 - 0.5
+        matrix = np.column_stack([linear, shift])
+        flags = interpolation | cv2.WARP_INVERSE_MAP
+        border_mode = cv2.BORDER_REPLICATE
+        size = size.tolist()
+        return np.asarray(
+            cv2.warpAffine(source, matrix, size, flags=flags, borderMode=border_mode), source.dtype
+        )
+
+    image = warped(frame.image, 2, cv2.INTER_LINEAR)
+    image = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    return Frame(np.asarray(image, np.uint8), warped(frame.depth, 1, cv2.INTER_NEAREST))
 
 
 def _recolour(image: Image, rng: np.random.Generator) -> Image:

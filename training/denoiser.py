@@ -178,11 +178,13 @@ def train(
     runs: Path,
     *,
     minutes: float,
-    pool: int = 3072,
+    held_out: Path | None = None,
     start: Path | None = None,
+    pool: int = 3072,
 ) -> None:
     """Trains the U-Net on stages 1 and 2 in `runs`; `runs/denoiser/last.pt` holds it.
 
+    held_out: the folder on whose tune split the curve is measured, or None.
     start: the checkpoint that gives what has no run in `runs`: the U-Net to begin with, and the
     frozen parts. None: the U-Net begins at random, and stages 1 and 2 must have been run.
     """
@@ -239,16 +241,16 @@ def train(
             "noise": error[~told.flatten()].mean(),
         }
 
-    held_out = held_out_frames(nyuv2, "tune") if nyuv2 else None
+    tune = held_out_frames(held_out, "tune") if held_out else None
 
     @torch.no_grad()
     def validate(model: nn.Module) -> dict[str, float]:
         """Errors of the one-step estimate: from noise alone, and told what is around `HOLE`."""
-        assert held_out is not None
+        assert tune is not None
         estimates, holes = [], []
         t = torch.tensor(999)
         window = (..., *HOLE)
-        for image, depth in zip(*held_out, strict=True):
+        for image, depth in zip(*tune, strict=True):
             normalised = torch.from_numpy(normalise(depth.numpy()))
             low, high = depth_range(depth.numpy())
             with torch.autocast("cpu", torch.bfloat16):
@@ -267,10 +269,10 @@ def train(
             estimates.append(estimate)
             metric = low + (filled + 1) / 2 * (high - low)
             holes.append(((metric - depth).abs() / depth)[window].mean())
-        errors = affine_errors(torch.stack(estimates), held_out[1])
+        errors = affine_errors(torch.stack(estimates), tune[1])
         return errors | {"hole_abs_rel": float(torch.stack(holes).mean())}
 
     groups: list[dict[str, object]] = [{"params": list(unet.parameters()), "lr": 6e-4}]
     Trainer(unet, groups, runs / "denoiser", minutes).fit(
-        samples.batches(32, renew_every=4), loss_function, validate if nyuv2 else None
+        samples.batches(32, renew_every=4), loss_function, validate if tune else None
     )

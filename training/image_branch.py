@@ -1,12 +1,17 @@
 """Stage 1: the image encoder, trained as plain regression of affine-invariant depth."""
 
+from functools import partial
 from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from steered_marigold.diffusion.image_encoder import ImageEncoder, load_pretrained_backbone
+from steered_marigold.diffusion.image_encoder import (
+    ImageEncoder,
+    InvertedBottleneck,
+    load_pretrained_backbone,
+)
 from training.data import (
     Frame,
     MixedFrames,
@@ -21,6 +26,8 @@ from training.trainer import Batch, Trainer
 
 FROZEN_STAGES = 2
 FEATURES = 48
+# how often the backbone's last block is left out in training
+DROPPED = 0.15
 
 
 class DepthRegressor(nn.Module):
@@ -66,6 +73,32 @@ def freeze(encoder: ImageEncoder) -> None:
             module.requires_grad_(False)
 
 
+def drop_blocks(encoder: ImageEncoder) -> None:
+    """Leaves out residual blocks at random in training, later ones more often.
+
+    (Stochastic depth, Huang et al., ECCV 2016: EfficientNet's own remedy against little data.)
+    """
+    blocks = [m for m in encoder.stages.modules() if isinstance(m, InvertedBottleneck)]
+    for i, block in enumerate(blocks, start=1):
+        if block.residual:
+            block.register_forward_hook(partial(_drop, chance=DROPPED * i / len(blocks)))
+
+
+def _drop(block: nn.Module, inputs: tuple[Tensor], output: Tensor, *, chance: float) -> Tensor:
+    """A block's output, of some samples its input instead; the expected change stays the same."""
+    if not block.training:
+        return output
+    x = inputs[0]
+    kept = (torch.rand(len(x), 1, 1, 1) >= chance).to(x.dtype) / (1 - chance)
+    return x + kept * (output - x)
+
+
+def nearness(target: Tensor) -> Tensor:
+    """Weights [n, 1, height, width] of mean 1 for errors of depth in [-1, 1]: near counts more."""
+    weight = 1 / (target + 1.6).clamp(min=0.1)
+    return weight / weight.mean(dim=(1, 2, 3), keepdim=True)
+
+
 def gradient_loss(error: Tensor) -> Tensor:
     """Mean absolute difference of neighbouring errors at four scales (MiDaS, Eq. 11)."""
     total = error.new_zeros(())
@@ -94,8 +127,7 @@ def regression_loss(prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
     (The error after scale and shift alone, as in MiDaS, leaves the loss on a plateau for
     hundreds of steps from the start.)
     """
-    weight = 1 / (target + 1.6)
-    weight = weight / weight.mean(dim=(1, 2, 3), keepdim=True)
+    weight = nearness(target)
 
     def huber(estimate: Tensor) -> Tensor:
         return (weight * F.smooth_l1_loss(estimate, target, reduction="none", beta=0.2)).mean()
@@ -150,12 +182,12 @@ def train(
     run: Path,
     *,
     minutes: float,
-    rooms_share: float = 0.4,
+    held_out: Path | None = None,
     start: Path | None = None,
 ) -> None:
-    """Trains the regressor; `run/last.pt` holds it. The curve is measured on the tune split.
+    """Trains the regressor; `run/last.pt` holds it.
 
-    start: the checkpoint whose encoder to begin with, under a fresh head; None is ImageNet's
+    held_out: the folder on whose tune split the curve is measured, or None. start: the checkpoint whose encoder to begin with, under a fresh head; None is ImageNet's
     weights. A checkpoint's encoder has unit output, as `export` scales it, which the head learns.
     """
     model = build().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -163,6 +195,7 @@ def train(
     if not has_run(run):
         load_part(encoder, start, "image_encoder")
     freeze(encoder)
+    drop_blocks(encoder)
     backbone = [p for p in encoder.stages.parameters() if p.requires_grad]
     ids = {id(p) for p in encoder.stages.parameters()} | {id(p) for p in encoder.stem.parameters()}
     rest = [p for p in model.parameters() if id(p) not in ids]
@@ -178,10 +211,9 @@ def train(
             prediction = model(image)
         return regression_loss(prediction.float(), batch["depth"])
 
-    data = MixedFrames(nyuv2, rooms, rooms_share=rooms_share, seed=0)
-    held_out = held_out_frames(nyuv2, "tune") if nyuv2 else None
-    trainer.fit(
-        batches(data, 16),
-        loss_function,
-        (lambda m: validate(m, *held_out)) if held_out else None,
-    )
+    data = MixedFrames(nyuv2, rooms, rooms_share=0.4, seed=0)
+    validation = None
+    if held_out:
+        images, depths = held_out_frames(held_out, "tune")
+        validation = partial(validate, images=images, depths=depths)
+    trainer.fit(batches(data, 16), loss_function, validation)

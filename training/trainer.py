@@ -37,6 +37,7 @@ class Trainer:
             saved = torch.load(self.run / "last.pt", weights_only=True)
             self.model.load_state_dict(saved["model"])
         self.average = AveragedModel(self.model, multi_avg_fn=self._average)
+        self.average.eval()
         if (self.run / "last.pt").exists():
             self.average.module.load_state_dict(saved["average"])
             # the first update of an AveragedModel copies; this one goes on averaging

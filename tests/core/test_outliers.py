@@ -3,7 +3,12 @@
 import pytest
 import torch
 
-from steered_marigold.core.outliers import fit_scale_shift_robust, trusted_measurements
+from steered_marigold.core.outliers import (
+    ORIGIN,
+    fit_scale_shift_robust,
+    trusted_measurements,
+)
+from steered_marigold.errors import NoMeasurementsError
 
 HEIGHT, WIDTH = 60, 80
 
@@ -39,6 +44,35 @@ def test_confidence_weighs_the_robust_fit() -> None:
     confidence = torch.where(left, 0.0, 1.0).expand(HEIGHT, WIDTH)
     fit = fit_scale_shift_robust(affine[None], depth[None], mask[None], confidence=confidence[None])
     assert fit.scale.item() == pytest.approx(3, abs=0.01)
+
+
+def test_one_measurement_puts_the_origin_at_depth_zero() -> None:
+    affine = torch.tensor([[[0.2, 0.5, 0.9]]])
+    mask = torch.tensor([[[False, True, False]]])
+    fit = fit_scale_shift_robust(affine, torch.full_like(affine, 2.4), mask)
+    assert fit.apply(affine)[0, 0, 1].item() == pytest.approx(2.4)
+    assert fit.apply(torch.tensor([[ORIGIN]])).item() == pytest.approx(0, abs=1e-4)
+
+
+def test_two_measurements_of_equal_prediction_do_not_run_away() -> None:
+    affine = torch.tensor([[0.50, 0.51, 0.0, 1.0]])
+    depth = torch.tensor([[2.0, 2.5, 0.0, 0.0]])
+    fit = fit_scale_shift_robust(affine, depth, depth > 0)
+    near, far = fit.apply(affine)[0, 2:].tolist()
+    assert 0.5 < near < 2 < far < 6
+
+
+def test_the_origin_hardly_moves_the_fit_of_many_measurements() -> None:
+    affine, depth, mask = scene()
+    source, target, where = affine[None], depth[None] + 1, mask[None]
+    fit = fit_scale_shift_robust(source, target, where)
+    assert fit.shift.item() == pytest.approx(1.7, abs=0.002)
+
+
+def test_a_robust_fit_without_measurements_is_an_error() -> None:
+    affine, depth, mask = scene()
+    with pytest.raises(NoMeasurementsError):
+        fit_scale_shift_robust(affine[None], depth[None], mask[None] & False)
 
 
 def test_clean_measurements_are_believed_even_by_a_poor_prior() -> None:

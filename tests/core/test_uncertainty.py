@@ -34,10 +34,18 @@ def trusted() -> torch.Tensor:
 def test_the_formula(trusted: torch.Tensor) -> None:
     distance = math.hypot(5, 12)
     far = 1 - math.exp(-((distance / 50 / 0.05) ** 1.5))
-    relative = 0.01 + 0.8 * math.log(1.1) * far
+    disagreement = math.sqrt((math.log(1.1) ** 2 + 3 * 0.2**2) / 4)
+    relative = 0.01 + 0.8 * disagreement * far
     expected = math.hypot(2 * relative, 0.3 * 0.5 * far)
     result = estimate(trusted, spread=torch.full_like(DEPTH, 0.3))
     assert result[20, 22].item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_fit_that_few_measurements_confirm_is_less_sure(trusted: torch.Tensor) -> None:
+    many = torch.zeros_like(trusted)
+    many[15, :10] = True
+    many[15, 10] = True
+    assert estimate(many, prior=DEPTH)[15, 20] < 0.7 * estimate(trusted, prior=DEPTH)[15, 20]
 
 
 def test_at_a_measurement_it_is_the_sensors(trusted: torch.Tensor) -> None:

@@ -16,7 +16,9 @@ class UncertaintyModel:
     """sigma^2 = sensor^2 + depth^2 (near + reach D far (1 + extrapolation beyond))^2
     + (spread members far)^2 + (relief steps depth far)^2, far = 1 - exp(-(distance / length)^1.5).
 
-    D is the relative disagreement (root mean square) of the prior with the trusted measurements,
+    D is the relative disagreement (root mean square) of the prior with the trusted measurements
+    and with `EXPECTED_WEIGHT` imagined ones, which disagree by `EXPECTED_DISAGREEMENT`: a fit
+    agrees with a handful of measurements, whatever it is worth elsewhere.
     beyond = max(0, log(depth / deepest measurement)): scale and shift are only fitted so far.
 
     near: relative error beside a measurement. reach: factor on D far from all measurements.
@@ -35,8 +37,9 @@ class UncertaintyModel:
 
 # side of the window of `relief`, as a share of the image's diagonal
 RELIEF_WINDOW = 0.04
-# relative disagreement assumed where a handful of measurements agrees with any fit
-LEAST_DISAGREEMENT = 0.05
+# what is expected of a prior before anything is measured, and how many measurements that is worth
+EXPECTED_DISAGREEMENT = 0.2
+EXPECTED_WEIGHT = 3.0
 
 
 def estimate_uncertainty(
@@ -59,10 +62,12 @@ def estimate_uncertainty(
     diagonal = (height**2 + width**2) ** 0.5
     far = 1 - torch.exp(-((distance / diagonal / model.length) ** 1.5))
     measured = sparse_depth[trusted]
-    disagreement = (measured.log() - prior[trusted].log()).square().mean().sqrt()
+    squares = (measured.log() - prior[trusted].log()).square()
+    expected = EXPECTED_WEIGHT * EXPECTED_DISAGREEMENT**2
+    disagreement = ((squares.sum() + expected) / (len(squares) + EXPECTED_WEIGHT)).sqrt()
     beyond = (depth / measured.max()).log().clamp(min=0)
-    reach = model.reach * disagreement.clamp(min=LEAST_DISAGREEMENT)
-    relative = model.near * (distance > 0) + reach * far * (1 + model.extrapolation * beyond)
+    reach = model.reach * disagreement * far * (1 + model.extrapolation * beyond)
+    relative = model.near * (distance > 0) + reach
     variance = (depth * relative).square() + (depth * noise.relative(depth)).square()
     steps = mean_steps(prior.log(), radius=round(RELIEF_WINDOW * diagonal / 2))
     variance = variance + (model.relief * steps * depth * far).square()
