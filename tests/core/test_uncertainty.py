@@ -61,11 +61,13 @@ def test_it_grows_with_distance_and_disagreement(trusted: torch.Tensor) -> None:
     assert bool((far_prior[15, 11:] > near_prior[15, 11:]).all())
 
 
-def test_beyond_the_deepest_measurement_it_grows_faster(trusted: torch.Tensor) -> None:
+def test_away_from_the_measured_depths_it_grows_faster(trusted: torch.Tensor) -> None:
     deep = DEPTH.clone()
     deep[:, 30:] = 6.0
     result = estimate_uncertainty(MODEL, deep * 1.1, deep, deep, trusted, None, SensorNoise())
-    assert result[15, 35] / 6 > 1.5 * result[15, 26] / 2
+    leverage = math.sqrt(1 + 2 * math.log(3) ** 2 / 0.05)
+    at_depth_6, at_depth_2 = result[15, 39] / 6 - 0.01, result[15, 26] / 2 - 0.01
+    assert (at_depth_6 / at_depth_2).item() == pytest.approx(leverage, rel=0.05)
 
 
 def test_it_is_larger_around_depth_edges(trusted: torch.Tensor) -> None:

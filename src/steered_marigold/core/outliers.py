@@ -36,8 +36,10 @@ def fit_scale_shift_robust(
     reweighted least squares. Raises NoMeasurementsError likewise.
 
     The error is relative, (fit - target) / target, with Cauchy weights 1 / (1 + (error / sigma)^2)
-    and sigma from the median absolute error of each round (Holland and Welsch 1977). One more
-    equation of little weight, fit(ORIGIN) = 0, decides what a handful of measurements leaves open.
+    and sigma from the median absolute error of each round (Holland and Welsch 1977). The slope is
+    symmetric: sensors with a range see near depth only, and least squares would make far depth
+    too near (truncated regression). One more equation of little weight, fit(ORIGIN) = 0, decides
+    what a handful of measurements leaves open.
     """
     keep, s = mask.flatten(1), source.flatten(1)
     t = torch.where(keep, target.flatten(1), 1.0)
@@ -52,6 +54,7 @@ def fit_scale_shift_robust(
             torch.cat([t, 0 * column], dim=1),
             torch.cat([keep, column > 0], dim=1),
             weights=torch.cat([weights, pull], dim=1),
+            symmetric=True,
         )
 
     fit = fit_scale_shift(s, t, keep, weights=relative)

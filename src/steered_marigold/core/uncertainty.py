@@ -13,13 +13,15 @@ from steered_marigold.core.consistency import SensorNoise
 
 @dataclass(frozen=True)
 class UncertaintyModel:
-    """sigma^2 = sensor^2 + depth^2 (near + reach D far (1 + extrapolation beyond))^2
-    + (spread members far)^2 + (relief steps depth far)^2, far = 1 - exp(-(distance / length)^1.5).
+    """sigma^2 = sensor^2 + depth^2 (near + reach D far leverage)^2 + (spread members far)^2
+    + (relief steps depth far)^2, where far = 1 - exp(-(distance / length)^1.5) and
+    leverage^2 = 1 + extrapolation (log depth - mean)^2 / (variance + `LEAST_VARIANCE`).
 
     D is the relative disagreement (root mean square) of the prior with the trusted measurements
     and with `EXPECTED_WEIGHT` imagined ones, which disagree by `EXPECTED_DISAGREEMENT`: a fit
     agrees with a handful of measurements, whatever it is worth elsewhere.
-    beyond = max(0, log(depth / deepest measurement)): scale and shift are only fitted so far.
+    mean, variance: of the log of the trusted measurements; away from them a line that was fitted
+    to them is less sure, as in any regression.
 
     near: relative error beside a measurement. reach: factor on D far from all measurements.
     length: where that is reached, as a share of the image's diagonal. spread: factor on the
@@ -40,6 +42,8 @@ RELIEF_WINDOW = 0.04
 # what is expected of a prior before anything is measured, and how many measurements that is worth
 EXPECTED_DISAGREEMENT = 0.2
 EXPECTED_WEIGHT = 3.0
+# of log depth; measurements at one depth do not leave every other depth unknown
+LEAST_VARIANCE = 0.05
 
 
 def estimate_uncertainty(
@@ -61,13 +65,14 @@ def estimate_uncertainty(
     height, width = depth.shape
     diagonal = (height**2 + width**2) ** 0.5
     far = 1 - torch.exp(-((distance / diagonal / model.length) ** 1.5))
-    measured = sparse_depth[trusted]
-    squares = (measured.log() - prior[trusted].log()).square()
+    measured = sparse_depth[trusted].log()
+    squares = (measured - prior[trusted].log()).square()
     expected = EXPECTED_WEIGHT * EXPECTED_DISAGREEMENT**2
     disagreement = ((squares.sum() + expected) / (len(squares) + EXPECTED_WEIGHT)).sqrt()
-    beyond = (depth / measured.max()).log().clamp(min=0)
-    reach = model.reach * disagreement * far * (1 + model.extrapolation * beyond)
-    relative = model.near * (distance > 0) + reach
+    variance_seen = measured.var(correction=0) + LEAST_VARIANCE
+    away = (depth.log() - measured.mean()).square() / variance_seen
+    leverage = (1 + model.extrapolation * away).sqrt()
+    relative = model.near * (distance > 0) + model.reach * disagreement * far * leverage
     variance = (depth * relative).square() + (depth * noise.relative(depth)).square()
     steps = mean_steps(prior.log(), radius=round(RELIEF_WINDOW * diagonal / 2))
     variance = variance + (model.relief * steps * depth * far).square()
