@@ -2,9 +2,13 @@
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
 
 from steered_marigold.core.outliers import (
     ORIGIN,
+    extremes_around,
     fit_scale_shift_robust,
     trusted_measurements,
 )
@@ -81,6 +85,31 @@ def test_clean_measurements_are_believed_even_by_a_poor_prior() -> None:
     trusted = trusted_measurements(depth * ripple, depth, mask)
     assert bool((mask | ~trusted).all())
     assert trusted.sum() / mask.sum() >= 0.99
+
+
+def test_a_measurement_beside_a_misplaced_edge_is_believed() -> None:
+    depth = torch.full((HEIGHT, WIDTH), 4.0) + 0.01 * torch.arange(WIDTH)
+    depth[20:40, 30:50] = 1.5
+    prior = depth.roll(1, dims=1)
+    mask = torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
+    mask[::7, 3::7] = True
+    mask[:, 29:32] = False
+    mask[30, 30] = True  # alone on the object's border, which the prior begins a pixel later
+    assert prior[30, 30] > 4
+    assert bool(trusted_measurements(prior, depth, mask)[30, 30])
+    wrong = depth.clone()
+    wrong[30, 30] = 0.8
+    assert not bool(trusted_measurements(prior, wrong, mask)[30, 30])
+
+
+@given(seed=st.integers(0, 1000), radius=st.integers(0, 5))
+@settings(max_examples=20)
+def test_extremes_against_scipy(seed: int, radius: int) -> None:
+    values = torch.rand(12, 15, generator=torch.Generator().manual_seed(seed))
+    least, most = extremes_around(values, radius)
+    size = 2 * radius + 1
+    assert (least.numpy() == ndimage.minimum_filter(values.numpy(), size, mode="nearest")).all()
+    assert (most.numpy() == ndimage.maximum_filter(values.numpy(), size, mode="nearest")).all()
 
 
 def test_outliers_are_dropped() -> None:

@@ -1,7 +1,10 @@
 """Which measurements to believe, and a fit of scale and shift that wrong ones do not move."""
 
+import math
+
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -19,6 +22,8 @@ ORIGIN_WEIGHT = 0.1
 LEAST_ERROR = 0.03
 # a measurement this many spreads from the prior is questioned, and needs neighbours that agree
 GATE = 1.5
+# how far a prior's edge may lie from the true one, as a share of the image's diagonal
+EDGE_SHIFT = 0.013
 NEIGHBOURS = 8
 AGREEING = 2
 # least log-depth difference that counts as agreement: 5 % of depth
@@ -74,18 +79,23 @@ def trusted_measurements(
     """The measurements to believe, given a positive metric prior [m].
 
     The prior alone cannot tell a wrong measurement from a right one that it did not foresee, so
-    a measurement far from it is dropped only if its nearest neighbours do not agree with it
-    either, in depth or in distance from the prior: flying pixels and outliers stand alone.
-    Both gates widen with the spread found in the data. Four measurements or fewer are believed.
+    a measurement far from it, and from all of it nearby (its edges are a little misplaced), is
+    dropped only if its nearest neighbours do not agree with it either, in depth or in distance
+    from the prior: flying pixels and outliers stand alone. Both gates widen with the spread found
+    in the data. Four measurements or fewer are believed.
     """
     y, x = mask.nonzero(as_tuple=True)
     if len(y) <= 4:
         return mask
+    expected = prior.log()
     measured = sparse_depth[y, x].log()
-    residual = measured - prior[y, x].log()
-    residual = residual - residual.median()
+    residual = measured - expected[y, x]
+    expected = expected + residual.median()
+    residual = measured - expected[y, x]
     spread = MAD_TO_SIGMA * residual.abs().median()
-    questioned = residual.abs() > GATE * spread
+    least, most = extremes_around(expected, round(EDGE_SHIFT * math.hypot(*mask.shape)))
+    explained = (measured >= least[y, x]) & (measured <= most[y, x])
+    questioned = (residual.abs() > GATE * spread) & ~explained
     if not bool(questioned.any()):
         return mask
     points = torch.stack((y, x), dim=1).cpu().numpy().astype(np.float64)
@@ -105,3 +115,13 @@ def trusted_measurements(
     trusted = mask.clone()
     trusted[y[ask[alone]], x[ask[alone]]] = False
     return trusted
+
+
+def extremes_around(
+    values: Float[Tensor, "height width"], radius: int
+) -> tuple[Float[Tensor, "height width"], Float[Tensor, "height width"]]:
+    """The least and the greatest value within `radius` rows and columns of each pixel."""
+    window, maps = 2 * radius + 1, torch.stack((-values, values))
+    for kernel, padding in (((window, 1), (radius, 0)), ((1, window), (0, radius))):
+        maps = F.max_pool2d(maps, kernel, stride=1, padding=padding)
+    return -maps[0], maps[1]
