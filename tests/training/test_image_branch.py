@@ -1,0 +1,55 @@
+"""Stage 1: what it leaves out in training, and what it trains on."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from steered_marigold.diffusion.image_encoder import ImageEncoder
+from training import image_branch
+from training.__main__ import app
+
+
+def test_blocks_are_left_out_in_training_alone() -> None:
+    torch.manual_seed(0)
+    encoder = ImageEncoder("lite0", latent_channels=8, pyramid_channels=16)
+    image = torch.rand(1, 3, 64, 64)
+    before = encoder.eval()(image)
+    image_branch.drop_blocks(encoder)
+    torch.testing.assert_close(encoder(image), before)
+    several = encoder.train()(image.expand(32, -1, -1, -1))
+    assert not torch.equal(several, several[:1].expand_as(several))
+
+
+def test_what_is_left_out_does_not_change_the_mean() -> None:
+    block = torch.nn.Identity().train()
+    x, y = torch.ones(40_000, 1, 1, 1), torch.full((40_000, 1, 1, 1), 3.0)
+    kept = image_branch._drop(block, (x,), y, chance=0.2)
+    assert kept.mean().item() == pytest.approx(3, abs=0.05)
+    assert kept.min() == 1
+
+
+def test_near_errors_weigh_more() -> None:
+    weight = image_branch.nearness(torch.linspace(-1, 1, 50).view(1, 1, 5, 10))
+    assert weight.mean().item() == pytest.approx(1)
+    assert (weight.flatten().diff() < 0).all()
+
+
+@pytest.mark.parametrize("only", [True, False])
+def test_procedural_only_keeps_nyuv2_out_of_training(
+    only: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Read(Exception):
+        pass
+
+    def read(nyuv2: Path | None, rooms: Path | None, **_: Any) -> None:
+        raise Read(str(nyuv2), str(rooms))
+
+    monkeypatch.setattr(image_branch, "MixedFrames", read)
+    flag = ["--procedural-only"] if only else []
+    arguments = ["image-branch", "--runs", str(tmp_path), "--rooms", "R", "--nyuv2", "N", *flag]
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, Read)
+    assert result.exception.args == ("None" if only else "N", "R")
