@@ -17,7 +17,6 @@ def main() -> None:
     out.mkdir(exist_ok=True)
     options = {
         "--intrinsics": SAMPLE / "intrinsics.txt",
-        "--ensemble": 4,
         "--output": out / "depth.png",
         "--visualization": out / "panels.png",
         "--point-cloud": out / "cloud.ply",

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
 from training.image_branch import gradient_loss, held_out_frames, nearness
 from training.start import has_run, load_part
+from training.terms import is_procedural
 from training.trainer import Batch, Trainer
 
 CROP = 128
@@ -112,4 +113,6 @@ def train(
     if held_out:
         validation = partial(validate, depths=held_out_frames(held_out, "tune")[1][::4])
     groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.2e-3}]
-    Trainer(codec, groups, run, minutes).fit(batches(data, 16), loss_function, validation)
+    procedural_only = nyuv2 is None and is_procedural(start)
+    trainer = Trainer(codec, groups, run, minutes, procedural_only)
+    trainer.fit(batches(data, 16), loss_function, validation)

@@ -23,6 +23,7 @@ from training import image_branch
 from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
 from training.image_branch import affine_errors, held_out_frames
 from training.start import has_run, load_part
+from training.terms import is_procedural
 from training.trainer import Batch, Trainer
 
 TEXT_CHANNELS = 32
@@ -273,6 +274,7 @@ def train(
         return errors | {"hole_abs_rel": float(torch.stack(holes).mean())}
 
     groups: list[dict[str, object]] = [{"params": list(unet.parameters()), "lr": 6e-4}]
-    Trainer(unet, groups, runs / "denoiser", minutes).fit(
+    procedural_only = nyuv2 is None and is_procedural(start)
+    Trainer(unet, groups, runs / "denoiser", minutes, procedural_only).fit(
         samples.batches(32, renew_every=4), loss_function, validate if tune else None
     )

