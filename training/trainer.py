@@ -85,7 +85,8 @@ class Trainer:
                 last = time.monotonic()
                 self._record(step, seen, elapsed, {k: v / since for k, v in sums.items()}, validate)
                 sums, since = {}, 0
-        self._record(step, seen, elapsed, {k: v / max(since, 1) for k, v in sums.items()}, validate)
+        if since:
+            self._record(step, seen, elapsed, {k: v / since for k, v in sums.items()}, validate)
 
     def _record(
         self,

@@ -41,15 +41,15 @@ def test_near_errors_weigh_more() -> None:
 def test_procedural_only_keeps_nyuv2_out_of_training(
     only: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Read(Exception):
+    class ReadError(Exception):
         pass
 
     def read(nyuv2: Path | None, rooms: Path | None, **_: Any) -> None:
-        raise Read(str(nyuv2), str(rooms))
+        raise ReadError(str(nyuv2), str(rooms))
 
     monkeypatch.setattr(image_branch, "MixedFrames", read)
     flag = ["--procedural-only"] if only else []
     arguments = ["image-branch", "--runs", str(tmp_path), "--rooms", "R", "--nyuv2", "N", *flag]
     result = CliRunner().invoke(app, arguments)
-    assert isinstance(result.exception, Read)
+    assert isinstance(result.exception, ReadError)
     assert result.exception.args == ("None" if only else "N", "R")

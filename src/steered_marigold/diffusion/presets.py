@@ -19,7 +19,7 @@ PAPER_SCHEDULER = {
 }
 # coverage of the 90 % interval on the tune split (docs/method.md)
 CALIBRATED = UncertaintyModel(
-    near=0.005, reach=0.86, length=0.03, extrapolation=2.0, spread=1.5, relief=14.0
+    near=0.005, reach=0.7, length=0.03, extrapolation=3.0, spread=1.5, relief=12.0
 )
 # how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
 SteeringCodec = Literal["exact", "tiny", "linear"]
