@@ -41,9 +41,8 @@ def two_word_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
 def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
     """The same with every embedding 0, as in training."""
     encoder, tokenizer = two_word_prompt(channels)
-    for name, parameter in encoder.named_parameters():
-        if "final_layer_norm" in name:
-            nn.init.zeros_(parameter)
+    for parameter in encoder.parameters():
+        nn.init.zeros_(parameter)
     return encoder, tokenizer
 
 
