@@ -2,13 +2,9 @@
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy import ndimage
 
 from steered_marigold.core.outliers import (
     ORIGIN,
-    extremes_around,
     fit_scale_shift_robust,
     trusted_measurements,
 )
@@ -100,16 +96,6 @@ def test_a_measurement_beside_a_misplaced_edge_is_believed() -> None:
     wrong = depth.clone()
     wrong[30, 30] = 0.8
     assert not bool(trusted_measurements(prior, wrong, mask)[30, 30])
-
-
-@given(seed=st.integers(0, 1000), radius=st.integers(0, 5))
-@settings(max_examples=20)
-def test_extremes_against_scipy(seed: int, radius: int) -> None:
-    values = torch.rand(12, 15, generator=torch.Generator().manual_seed(seed))
-    least, most = extremes_around(values, radius)
-    size = 2 * radius + 1
-    assert (least.numpy() == ndimage.minimum_filter(values.numpy(), size, mode="nearest")).all()
-    assert (most.numpy() == ndimage.maximum_filter(values.numpy(), size, mode="nearest")).all()
 
 
 def test_outliers_are_dropped() -> None:

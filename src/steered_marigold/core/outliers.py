@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from jaxtyping import Bool, Float
+from scipy import ndimage
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -93,7 +93,11 @@ def trusted_measurements(
     expected = expected + residual.median()
     residual = measured - expected[y, x]
     spread = MAD_TO_SIGMA * residual.abs().median()
-    least, most = extremes_around(expected, round(EDGE_SHIFT * math.hypot(*mask.shape)))
+    window = 2 * round(EDGE_SHIFT * math.hypot(*mask.shape)) + 1
+    least, most = (
+        torch.from_numpy(extreme(expected.cpu().numpy(), window)).to(expected.device)
+        for extreme in (ndimage.minimum_filter, ndimage.maximum_filter)
+    )
     explained = (measured >= least[y, x]) & (measured <= most[y, x])
     questioned = (residual.abs() > GATE * spread) & ~explained
     if not bool(questioned.any()):
@@ -115,13 +119,3 @@ def trusted_measurements(
     trusted = mask.clone()
     trusted[y[ask[alone]], x[ask[alone]]] = False
     return trusted
-
-
-def extremes_around(
-    values: Float[Tensor, "height width"], radius: int
-) -> tuple[Float[Tensor, "height width"], Float[Tensor, "height width"]]:
-    """The least and the greatest value within `radius` rows and columns of each pixel."""
-    window, maps = 2 * radius + 1, torch.stack((-values, values))
-    for kernel, padding in (((window, 1), (radius, 0)), ((1, window), (0, radius))):
-        maps = F.max_pool2d(maps, kernel, stride=1, padding=padding)
-    return -maps[0], maps[1]
