@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -49,25 +50,16 @@ def fit_scale_shift_robust(
     keep, s = mask.flatten(1), source.flatten(1)
     t = torch.where(keep, target.flatten(1), 1.0)
     relative = keep / t**2 if confidence is None else keep * confidence.flatten(1) / t**2
-    column = torch.ones_like(s[:, :1])
     depth_range = ((keep * t).sum(1) / (keep * (s - ORIGIN)).sum(1))[:, None]
     pull = ORIGIN_WEIGHT / depth_range**2
-
-    def fit_weighted(weights: Tensor) -> ScaleShift:
-        return fit_scale_shift(
-            torch.cat([s, ORIGIN * column], dim=1),
-            torch.cat([t, 0 * column], dim=1),
-            torch.cat([keep, column > 0], dim=1),
-            weights=torch.cat([weights, pull], dim=1),
-            symmetric=True,
-        )
-
+    pulled = F.pad(s, (0, 1), value=ORIGIN), F.pad(t, (0, 1)), F.pad(keep, (0, 1), value=True)
     fit = fit_scale_shift(s, t, keep, weights=relative)
     for _ in range(REWEIGHTINGS):
         error = ((fit.apply(s) - t) / t).abs()
         middle = torch.where(keep, error, torch.nan).nanmedian(dim=1, keepdim=True).values
         sigma = MAD_TO_SIGMA * middle.clamp(min=LEAST_ERROR)
-        fit = fit_weighted(relative / (1 + (error / sigma) ** 2))
+        weights = torch.cat([relative / (1 + (error / sigma) ** 2), pull], dim=1)
+        fit = fit_scale_shift(*pulled, weights=weights, symmetric=True)
     return fit
 
 
@@ -87,10 +79,8 @@ def trusted_measurements(
     y, x = mask.nonzero(as_tuple=True)
     if len(y) <= 4:
         return mask
-    expected = prior.log()
-    measured = sparse_depth[y, x].log()
-    residual = measured - expected[y, x]
-    expected = expected + residual.median()
+    measured, expected = sparse_depth[y, x].log(), prior.log()
+    expected = expected + (measured - expected[y, x]).median()
     residual = measured - expected[y, x]
     spread = MAD_TO_SIGMA * residual.abs().median()
     window = 2 * round(EDGE_SHIFT * math.hypot(*mask.shape)) + 1
