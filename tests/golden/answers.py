@@ -92,7 +92,7 @@ def machine() -> str:
 def main() -> None:
     """Writes the file."""
     kept = {key: value for preset in PRESETS for key, value in answers(preset).items()}
-    np.savez_compressed(FILE, machine=machine(), **kept)
+    np.savez_compressed(FILE, allow_pickle=False, machine=np.array(machine()), **kept)
 
 
 if __name__ == "__main__":
