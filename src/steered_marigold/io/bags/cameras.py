@@ -1,4 +1,4 @@
-"""Where cameras stand and how they see: camera_info and fixed transforms."""
+"""How cameras see: camera_info."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,13 +6,9 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from numpy.typing import NDArray
 from torch import Tensor
 
 from steered_marigold.core.geometry import resize_intrinsics
-
-# transforms that differ less than this [m, rad] are one that was sent again
-_STILL = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,63 +59,3 @@ def camera_of(message: Any, *, rectified: bool) -> Camera | None:
 def frame_name(frame_id: str) -> str:
     """A frame's name; old ROS 1 programs put a slash before it."""
     return frame_id.lstrip("/")
-
-
-def matrix_of(transform: Any) -> NDArray[Any]:
-    """4x4 of a geometry_msgs Transform: points of the child to points of the parent."""
-    t, q = transform.translation, transform.rotation
-    quaternion = np.array([q.x, q.y, q.z, q.w])
-    x, y, z, w = quaternion / (np.linalg.norm(quaternion) or 1)  # some drivers write only zeros
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = t.x, t.y, t.z
-    return matrix
-
-
-class StaticTransforms:
-    """A forest of frames; those that move are not in it."""
-
-    def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, NDArray[Any]]] = {}
-        self._moving: set[str] = set()
-
-    def add(self, parent: str, child: str, matrix: NDArray[Any]) -> None:
-        """Notes that `matrix` takes points of `child` to points of `parent`."""
-        parent, child = frame_name(parent), frame_name(child)
-        known = self._parents.setdefault(child, (parent, matrix))
-        if known[0] != parent or np.abs(known[1] - matrix).max() > _STILL:
-            self._moving.add(child)
-
-    def add_message(self, message: Any) -> None:
-        """Notes all transforms of a TFMessage."""
-        for stamped in message.transforms:
-            matrix = matrix_of(stamped.transform)
-            self.add(stamped.header.frame_id, stamped.child_frame_id, matrix)
-
-    def lookup(self, source: str, target: str) -> NDArray[Any] | None:
-        """4x4 from points of `source` to points of `target`; None if no fixed chain joins them."""
-        upwards, downwards = (
-            self._ancestors(frame_name(source)),
-            self._ancestors(frame_name(target)),
-        )
-        for frame, to_frame in upwards.items():
-            if frame in downwards:
-                matrix: NDArray[Any] = np.linalg.inv(downwards[frame]) @ to_frame
-                return matrix
-        return None
-
-    def _ancestors(self, frame: str) -> dict[str, NDArray[Any]]:
-        """The frame and all above it, each with the matrix that takes its points there."""
-        matrix = np.eye(4)
-        found = {frame: matrix}
-        while frame in self._parents and frame not in self._moving:
-            frame, step = self._parents[frame]
-            if frame in found:
-                break
-            matrix = step @ matrix
-            found[frame] = matrix
-        return found

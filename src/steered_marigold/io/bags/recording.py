@@ -15,16 +15,12 @@ from torch import Tensor
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.io.bags.cameras import (
     Camera,
-    StaticTransforms,
     camera_of,
     frame_name,
-    matrix_of,
 )
 from steered_marigold.io.bags.image_messages import decode_depth, decode_image
 from steered_marigold.io.bags.messages import (
     NANOSECONDS,
-    TRANSFORM,
-    TRANSFORMS,
     Message,
     stamp_ns,
 )
@@ -47,6 +43,7 @@ from steered_marigold.io.bags.topics import (
     is_registered_name,
     realsense_stream,
 )
+from steered_marigold.io.bags.transforms import fixed_transform
 from steered_marigold.io.files import AnyPath
 
 
@@ -211,7 +208,7 @@ class Recording:
             frames[0] == frames[1] and _same_view(camera, depth_camera)
         ):
             return None
-        matrix = self._fixed_transform(*frames)
+        matrix = fixed_transform(self._reader, *frames)
         missing = [
             what
             for what, known in (
@@ -229,42 +226,6 @@ class Recording:
                 "or choose another `depth_topic`"
             )
         return torch.from_numpy(matrix.astype(np.float32))
-
-    def _fixed_transform(self, source: str, target: str) -> Any:
-        """4x4 from one frame's points to the other's; None if the recording does not tell."""
-        if source == target and source:
-            return np.eye(4)
-        transforms = StaticTransforms()
-        for message in messages(self._reader, self._transform_topics("_static")):
-            transforms.add_message(message.decode())
-        for topic in self.topics:
-            self._add_realsense_transform(topic, transforms)
-        matrix = transforms.lookup(source, target)
-        if matrix is None:  # old programs send fixed transforms again and again
-            for message in messages(self._reader, self._transform_topics("")):
-                transforms.add_message(message.decode())
-            matrix = transforms.lookup(source, target)
-        return matrix
-
-    def _transform_topics(self, suffix: str) -> list[str]:
-        return [
-            topic.name
-            for topic in self.topics
-            if topic.type in TRANSFORMS and topic.name.endswith(f"tf{suffix}")
-        ]
-
-    def _add_realsense_transform(self, topic: Topic, transforms: StaticTransforms) -> None:
-        """A stream's <stream>/tf/<group>: points of the group's reference to those of the stream.
-
-        As librealsense's device::get_extrinsics writes it and playback_device::calc_extrinsic
-        reads it.
-        """
-        stream, _, group = topic.name.partition("/tf/")
-        if topic.type == TRANSFORM and group and realsense_stream(f"{stream}/image/data"):
-            message = first_message(self._reader, topic.name)
-            if message is not None:
-                reference_to_stream = matrix_of(message.decode())
-                transforms.add(f"reference {group}", stream, np.linalg.inv(reference_to_stream))
 
 
 class FrameStream:
