@@ -4,7 +4,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steered_marigold.diffusion.measurements import move_to_grid
+from steered_marigold.diffusion.grid import move_to_grid
 
 
 @given(
