@@ -14,9 +14,6 @@ from steered_marigold.evaluation.calibration_figure import calibration_figure, k
 from steered_marigold.evaluation.pictures import (
     Answers,
     example_answers,
-    panels,
-    show,
-    show_depth,
     sparse_picture,
     truth_picture,
 )
@@ -27,7 +24,8 @@ from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
 from steered_marigold.io.files import atomic_write
-from steered_marigold.io.visualization import robust_range
+from steered_marigold.pictures.colours import robust_range
+from steered_marigold.pictures.grids import panels, show, show_depth
 
 PAPER_TITLES = {"paper-uniform": "all samples", "paper-erased": "centre erased"}
 

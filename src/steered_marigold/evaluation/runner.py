@@ -22,7 +22,7 @@ from steered_marigold.evaluation.predictions import Predictions
 from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog, score
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 _MAY_CHANGE = ("methods", "frames")
 

@@ -11,7 +11,7 @@ from steered_marigold.datasets.dataset import Dataset
 from steered_marigold.datasets.registry import open_dataset
 from steered_marigold.evaluation.protocol import Protocol
 from steered_marigold.io.files import atomic_write, decoding, require_file
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 MethodFactory = Callable[[str], DepthCompleter]
 

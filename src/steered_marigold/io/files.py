@@ -98,6 +98,12 @@ def atomic_write(path: AnyPath) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_figure(path: AnyPath, figure: Any, **how: Any) -> None:
+    """Writes a matplotlib figure; how: what its `savefig` takes. Raises as `atomic_write` does."""
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, **how)
+
+
 def open_picture(path: AnyPath, formats: Sequence[str]) -> Image.Image:
     """A decoded Pillow image of one of Pillow's `formats`, checked for size and damage."""
     path = require_file(path)

@@ -5,66 +5,61 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
-from matplotlib import colormaps
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
-from steered_marigold.io.files import AnyPath, atomic_write, require_suffix
+from steered_marigold.core.frame import Frame
+from steered_marigold.pictures.colours import (
+    DEPTH,
+    ERROR,
+    robust_range,
+    sparse_picture,
+    uncertainty_range,
+)
 
-_MISSING = (0.5, 0.5, 0.5)
-_PANEL_INCHES, _GAP, _ABOVE, _BELOW = 4.8, 0.2, 0.35, 0.8
+_PANEL_INCHES, _GAP, _ABOVE, _BELOW = 4.8, 0.35, 0.35, 0.8
 _LONGEST_SIDE = 1280  # pixels of a panel; larger frames are drawn at every other pixel, or less
 _LEAST_WIDTH = 480  # pixels of a panel, so that its labels can be read
 _SPARSE = 0.05  # below this share of measured pixels, single pixels are hard to see
 
 
-def draw_panels(
-    path: AnyPath,
-    *,
-    image: UInt8[Tensor, "height width 3"],
-    sparse_depth: Float[Tensor, "height width"],
-    valid_mask: Bool[Tensor, "height width"],
+def frame_panels(
+    frame: Frame,
     depth: Float[Tensor, "height width"],
     uncertainty: Float[Tensor, "height width"] | None = None,
+    *,
     metric: bool = True,
-) -> None:
-    """Writes a .png: image, input, result and (if given) uncertainty, side by side.
+) -> Figure:
+    """Image, input, result and (if given) uncertainty, side by side.
 
     Depths [m], 0 in `depth` = unknown, share one colour scale: the 1st to 99th percentile of the
     result. What is missing is grey. Sparse measurements are drawn larger than they are. Without
     `metric` the result is relative, in [0, 1].
-
-    Raises FileFormatError for another extension, InputError if `path` cannot be written.
     """
-    require_suffix(path, (".png",))
-    result, measured = depth.cpu().numpy(), valid_mask.cpu().numpy()
-    height, width = result.shape
-    step = -(-max(height, width) // _LONGEST_SIDE)
-    sparse = np.where(measured, sparse_depth.cpu().numpy(), np.nan)
-    if measured.any() and measured.mean() < _SPARSE:
-        sparse = enlarged(sparse, radius=2 * step)
+    result, measured = depth.cpu().numpy(), frame.valid_mask.cpu().numpy()
+    step = -(-max(result.shape) // _LONGEST_SIDE)
+    sparse = sparse_picture(
+        frame.sparse_depth.cpu().numpy(), measured, below=_SPARSE, radius=2 * step
+    )
     known = np.where(result > 0, result, np.nan) if metric else result
     scale = robust_range(known) if metric else Normalize(0, 1)
     panels = [
-        _Panel("image", image.cpu().numpy()),
+        _Panel("image", frame.image.cpu().numpy()),
         _Panel(f"input, {measured.mean():.1%} measured", sparse, scale, label="depth [m]"),
         _Panel("result", known, scale, label="depth [m]" if metric else "relative depth"),
     ]
     if uncertainty is not None:
         error = uncertainty.cpu().numpy()
+        norm = uncertainty_range(error)
+        title = f"uncertainty, 98 % below {norm.vmax:.2g} m" if metric else "uncertainty"
         label = "standard deviation" + (" [m]" if metric else "")
-        panels.append(_Panel("uncertainty", error, robust_range(error), "magma", label))
-    figure = _side_by_side(
-        [replace(panel, values=panel.values[::step, ::step]) for panel in panels]
-    )
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="png")
+        panels.append(_Panel(title, error, norm, ERROR, label))
+    return _side_by_side([replace(panel, values=panel.values[::step, ::step]) for panel in panels])
 
 
 @dataclass(frozen=True)
@@ -74,7 +69,7 @@ class _Panel:
     title: str
     values: NDArray[Any]
     norm: Normalize | None = None
-    colours: str = "turbo"
+    colours: Colormap = DEPTH
     label: str = ""
 
 
@@ -92,8 +87,9 @@ def _side_by_side(panels: Sequence[_Panel]) -> Figure:
         axes = _axes(figure, left, _BELOW, _PANEL_INCHES, panel_height)
         axes.set_title(panel.title)
         axes.set_axis_off()
-        colormap = colormaps[panel.colours].with_extremes(bad=_MISSING)
-        drawn = axes.imshow(panel.values, cmap=colormap, norm=panel.norm, interpolation="nearest")
+        drawn = axes.imshow(
+            panel.values, cmap=panel.colours, norm=panel.norm, interpolation="nearest"
+        )
         if panel.norm is not None:
             bar = _axes(figure, left, _BELOW - 0.2, _PANEL_INCHES, 0.12)
             figure.colorbar(drawn, cax=bar, orientation="horizontal", label=panel.label)
@@ -105,16 +101,3 @@ def _axes(figure: Figure, left: float, bottom: float, width: float, height: floa
     across, up = figure.get_size_inches()
     axes: Axes = figure.add_axes((left / across, bottom / up, width / across, height / up))
     return axes
-
-
-def robust_range(values: NDArray[Any]) -> Normalize:
-    """From the 1st to the 99th percentile of what is known, never empty."""
-    known = values[np.isfinite(values)]
-    low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
-    return Normalize(low, max(high, low + 1e-3))
-
-
-def enlarged(values: NDArray[Any], *, radius: int) -> NDArray[Any]:
-    """Every missing pixel (nan) within `radius` [px] of a known one takes the nearest's value."""
-    distance, nearest = distance_transform_edt(np.isnan(values), return_indices=True)
-    return np.where(distance <= radius, values[tuple(nearest)], np.nan)
