@@ -6,12 +6,18 @@ import typer
 from typer.core import TyperGroup
 
 from steered_marigold.cli import complete, evaluate, figures
-from steered_marigold.cli.messages import say_error
+from steered_marigold.cli.messages import name_parameters, say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
 
 class _OneLineErrors(TyperGroup):
     """Errors that the package raises on purpose become one line and an exit code."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            name_parameters(command.params)
+        return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:
         try:
