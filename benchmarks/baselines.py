@@ -24,7 +24,7 @@ from torch import nn
 
 from steered_marigold.methods.bpnet import BPNet, BPNetCompleter
 from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 METHODS: dict[str, tuple[type[nn.Module], type[BPNetCompleter | CompletionFormerCompleter]]] = {
     "bpnet": (BPNet, BPNetCompleter),

@@ -17,7 +17,7 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.finishing import finish
 from steered_marigold.core.interpolation import ScatteredInterpolant
 from steered_marigold.core.steering import normalise_condition, steering_target
-from steered_marigold.diffusion.presets import get_preset
+from steered_marigold.diffusion.settings import get_preset
 
 BFLOAT16 = "bfloat16, channels-last"
 PRESET = "default"

@@ -16,7 +16,7 @@ from steered_marigold.evaluation.protocol import Protocol
 from steered_marigold.evaluation.runner import Evaluator, run_evaluation
 from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 Factories = Callable[[Path], Callable[[str], DepthCompleter]]
 

@@ -13,7 +13,7 @@ from steered_marigold.methods.classical import ClassicalCompleter
 from steered_marigold.methods.inpainting import ColorizationCompleter, OpenCvInpainter
 from steered_marigold.methods.interpolation import LinearCompleter, NearestCompleter
 from steered_marigold.methods.ip_basic import IpBasicCompleter
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 SHAPE = (17, 23)
 METHODS = [

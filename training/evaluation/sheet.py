@@ -26,8 +26,8 @@ from steered_marigold.evaluation.protocol import (
     prepare,
 )
 from steered_marigold.io.files import atomic_write
-from steered_marigold.io.visualization import robust_range
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.pictures.colours import robust_range
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 from training.evaluation.subject import SEED, Findings, Subject, evenly_spaced
 
