@@ -15,7 +15,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from torch import Tensor
 
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.io.visualization import enlarged, robust_range
 

@@ -14,7 +14,7 @@ from steered_marigold.core.metrics import (
     uncertainty_errors,
 )
 from steered_marigold.errors import FileFormatError, InputError
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 
 
 @dataclass(frozen=True, kw_only=True)

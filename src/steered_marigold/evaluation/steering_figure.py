@@ -19,7 +19,7 @@ from steered_marigold.evaluation.pictures import (
     sparse_picture,
     truth_picture,
 )
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.io.visualization import robust_range
 from steered_marigold.methods.steered import SteeredCompleter
 
