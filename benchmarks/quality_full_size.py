@@ -12,7 +12,7 @@ import typer
 
 from steered_marigold.datasets.dataset import select_frames
 from steered_marigold.datasets.registry import open_dataset
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.report import write_outputs
 from steered_marigold.evaluation.runner import run_evaluation
 from steered_marigold.evaluation.settings import RunSettings

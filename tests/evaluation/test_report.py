@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.published import ERASED, UNIFORM, published_rows
 from steered_marigold.evaluation.report import extreme_frames, write_outputs
 from steered_marigold.evaluation.runner import Run, run_evaluation

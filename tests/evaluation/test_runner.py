@@ -14,7 +14,7 @@ from steered_marigold.errors import (
     InputError,
     SizeMismatchError,
 )
-from steered_marigold.evaluation.protocol import Protocol, prepare
+from steered_marigold.evaluation.protocols import Protocol, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog
 from steered_marigold.evaluation.runner import Evaluator, Run, run_evaluation
 from steered_marigold.evaluation.settings import RunSettings

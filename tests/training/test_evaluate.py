@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from steered_marigold.datasets.sample import RgbdSample
 from steered_marigold.errors import InputError
-from steered_marigold.evaluation.protocol import PreparedFrame, Protocol, prepare
+from steered_marigold.evaluation.protocols import PreparedFrame, Protocol, prepare
 from training.__main__ import app
 from training.evaluation.calibration import fitted, sample_errors
 from training.evaluation.coding import steepest_window

@@ -9,7 +9,7 @@ from torch import Tensor
 from steered_marigold.core.alignment import fit_scale_shift
 from steered_marigold.core.metrics import depth_errors, uncertainty_errors
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from training.evaluation.subject import Findings, Row, Subject, mean_row
 
 AREA = "608x448"

@@ -12,7 +12,7 @@ from steered_marigold.core.alignment import fit_scale_shift
 from steered_marigold.core.steering import normalise_condition
 from steered_marigold.diffusion.grid import move_to_grid
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator
+from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator
 from steered_marigold.evaluation.steering_figure import SteeringStep, record_steering
 from steered_marigold.io.files import atomic_write
 from steered_marigold.methods.registry import create_method

@@ -19,7 +19,7 @@ from steered_marigold.evaluation.pictures import (
     sparse_picture,
     truth_picture,
 )
-from steered_marigold.evaluation.protocol import (
+from steered_marigold.evaluation.protocols import (
     PreparedFrame,
     Protocol,
     frame_generator,

@@ -14,7 +14,7 @@ from torch import Tensor
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.evaluation.protocol import PreparedFrame, Protocol
+from steered_marigold.evaluation.protocols import PreparedFrame, Protocol
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.settings import RunSettings
 from training.data import Frame, depth_range, image_to_model, normalise, read_split, resized

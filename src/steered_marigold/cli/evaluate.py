@@ -55,8 +55,8 @@ def evaluate(
     protocol: Annotated[
         str,
         _protocol(
-            help="paper-uniform, paper-erased, range, lidar, objects, region, sensor, or given "
-            "(the data set's own sparse depth)."
+            help="paper-uniform, paper-erased, range, half, lidar, objects, shape, region, sensor, "
+            "dense, or given (the data set's own sparse depth)."
         ),
     ] = "paper-erased",
     points: Annotated[
@@ -64,6 +64,9 @@ def evaluate(
     ] = None,
     max_range: Annotated[
         float | None, _protocol(help="Of range: how far the sensor reaches [m].", show_default="3")
+    ] = None,
+    keep: Annotated[
+        str | None, _protocol(help="Of half: near, far, bottom or left.", show_default="near")
     ] = None,
     lines: Annotated[int | None, _protocol(help="Of lidar: scan lines.", show_default="64")] = None,
     masks: Annotated[
@@ -73,6 +76,12 @@ def evaluate(
         float, _protocol(help="Standard deviation of noise, as a fraction of the depth.")
     ] = 0.0,
     outliers: Annotated[float, _protocol(help="Fraction of the measurements that is wrong.")] = 0.0,
+    flying_pixels: Annotated[
+        float, _protocol(help="Fraction of those at depth edges that mix both sides.")
+    ] = 0.0,
+    patches: Annotated[
+        int, _protocol(help="Connected regions of 50 to 2000 px with false depth.")
+    ] = 0,
     official_metrics: Annotated[
         bool,
         _protocol("--official-metrics", help="Count negative depth as right, as the authors do."),
@@ -102,7 +111,7 @@ def evaluate(
     """
     from steered_marigold.datasets.dataset import select_frames
     from steered_marigold.datasets.registry import open_dataset
-    from steered_marigold.evaluation.protocol import Protocol
+    from steered_marigold.evaluation.protocols import Protocol
     from steered_marigold.evaluation.report import write_outputs
     from steered_marigold.evaluation.settings import RunSettings
 
@@ -120,10 +129,13 @@ def evaluate(
             kind=protocol,
             points=points,
             max_range=max_range,
+            keep=keep,
             lines=lines,
             masks=masks and masks.resolve(),
             noise=noise,
             outliers=outliers,
+            flying_pixels=flying_pixels,
+            patches=patches,
         ),
         methods=split_methods(methods),
         frames=select_frames(

@@ -19,6 +19,11 @@ from torch import Generator, Tensor
 from steered_marigold.errors import InputError
 
 _BRIDGED_PX = 3  # measurements up to twice as far apart belong to the same measured area
+HALVES = ("near", "far", "bottom", "left")
+_FOOTPRINT = 5  # side [px] of what a pixel of a time-of-flight camera averages at a depth edge
+_PATCH_PX = (50, 2000)
+# log of the factor by which a patch is wrong: as a mirror or a wet floor has it, or worse
+_PATCH_LOG = (math.log(1.3), math.log(4))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +79,23 @@ def limit_range(measurements: Measurements, max_depth: float) -> Measurements:
     return keep(measurements, measurements.sparse_depth <= max_depth)
 
 
+def keep_half(measurements: Measurements, half: str) -> Measurements:
+    """Those not beyond the median depth ("near"), beyond it ("far"), or in half of the image.
+
+    Raises InputError unless `half` is one of HALVES.
+    """
+    if half not in HALVES:
+        raise InputError(f"half {half!r}: choose one of {', '.join(HALVES)}")
+    depth, valid = measurements.sparse_depth, measurements.valid_mask
+    height, width = valid.shape
+    if half == "bottom":
+        return erase_rectangle(measurements, slice(0, height // 2), slice(0, width))
+    if half == "left":
+        return erase_rectangle(measurements, slice(0, height), slice(width // 2, width))
+    near = depth <= depth[valid].median() if bool(valid.any()) else valid
+    return keep(measurements, near if half == "near" else ~near)
+
+
 def scan_lines(measurements: Measurements, lines: int, *, generator: Generator) -> Measurements:
     """Only `lines` image rows, evenly spaced from a random start: a spinning LiDAR.
 
@@ -107,6 +129,19 @@ def remove_blobs(measurements: Measurements, count: int, *, generator: Generator
         across = (y - center_y) * math.cos(angle) - (x - center_x) * math.sin(angle)
         seen &= (along / a) ** 2 + (across / b) ** 2 > 1
     return keep(measurements, seen)
+
+
+def remove_square(measurements: Measurements, side: int, *, generator: Generator) -> Measurements:
+    """Without a square of `side` [px] at a random place inside the image.
+
+    Raises InputError unless the image is larger.
+    """
+    height, width = measurements.valid_mask.shape
+    if side >= min(height, width):
+        raise InputError(f"an image of {width}x{height} px has no room for a square of {side} px")
+    top = int(torch.randint(height - side, (), generator=generator))
+    left = int(torch.randint(width - side, (), generator=generator))
+    return erase_rectangle(measurements, slice(top, top + side), slice(left, left + side))
 
 
 def remove_region(
@@ -165,6 +200,61 @@ def add_outliers(
     wrong = low + (high - low) * torch.rand(hit.shape, generator=generator)
     depth = torch.where(hit, wrong, measurements.sparse_depth)
     return keep(replace(measurements, sparse_depth=depth), measurements.valid_mask)
+
+
+def add_flying_pixels(
+    measurements: Measurements,
+    dense: Measurements,
+    fraction: float,
+    *,
+    least: float,
+    generator: Generator,
+) -> Measurements:
+    """A random fraction of the measurements at depth edges becomes a mixture of both sides.
+
+    dense: all depth [m], which says where edges are: the mixture is the mean over 5x5 pixels, as
+    the footprint of a time-of-flight pixel gives, and replaces what it changes by more than `least`
+    [m].
+
+    Raises InputError unless 0 <= fraction <= 1.
+    """
+    if not 0 <= fraction <= 1:
+        raise InputError(f"the fraction of flying pixels must be in [0, 1], not {fraction}")
+    weight = dense.valid_mask.double()
+    values = torch.where(dense.valid_mask, dense.sparse_depth, 0.0).double()
+    total, count = (
+        torch.from_numpy(ndimage.uniform_filter(x.numpy(), _FOOTPRINT)) for x in (values, weight)
+    )
+    mixture = (total / count.clamp(min=1 / _FOOTPRINT**2)).float()
+    flying = (mixture - measurements.sparse_depth).abs() > least
+    flying &= torch.rand(flying.shape, generator=generator) < fraction
+    depth = torch.where(flying, mixture, measurements.sparse_depth)
+    return keep(replace(measurements, sparse_depth=depth), measurements.valid_mask)
+
+
+def add_patches(measurements: Measurements, count: int, *, generator: Generator) -> Measurements:
+    """Makes `count` connected regions wrong: ellipses of 50 to 2000 px around measurements.
+
+    Depth is multiplied (a mirror, a wet floor), or one flat false depth (a pane, a stuck block), by
+    turns: 1.3 to 4 times too far or too near. Areas and factors are log-uniform.
+    """
+    depth, valid = measurements.sparse_depth, measurements.valid_mask
+    candidates = valid.nonzero()
+    y = torch.arange(valid.shape[0], dtype=torch.float64)[:, None]
+    x = torch.arange(valid.shape[1], dtype=torch.float64)[None, :]
+    draws = torch.rand(count, 6, generator=generator, dtype=torch.float64).tolist()
+    for i, (place, size, shape, turn, factor, sign) in enumerate(draws if len(candidates) else ()):
+        center_y, center_x = candidates[int(place * len(candidates))].tolist()
+        area = _PATCH_PX[0] * (_PATCH_PX[1] / _PATCH_PX[0]) ** size
+        aspect, angle = 1 + 2 * shape, math.pi * turn
+        along = (x - center_x) * math.cos(angle) + (y - center_y) * math.sin(angle)
+        across = (y - center_y) * math.cos(angle) - (x - center_x) * math.sin(angle)
+        inside = valid & (along**2 / aspect + across**2 * aspect <= area / math.pi)
+        low, high = _PATCH_LOG
+        ratio = math.exp((low + (high - low) * factor) * (1 if sign < 0.5 else -1))
+        base = depth if i % 2 == 0 else depth[inside].median().expand_as(depth)
+        depth = torch.where(inside, base * ratio, depth)
+    return keep(replace(measurements, sparse_depth=depth), valid)
 
 
 def _way_within(area: NDArray[np.bool_], start: int) -> NDArray[np.float64]:

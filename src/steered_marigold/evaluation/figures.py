@@ -18,7 +18,7 @@ from steered_marigold.evaluation.pictures import (
     truth_picture,
 )
 from steered_marigold.evaluation.predictions import Predictions
-from steered_marigold.evaluation.protocol import PAPER_AREAS, PreparedFrame, frame_generator
+from steered_marigold.evaluation.protocols import PAPER_AREAS, PreparedFrame, frame_generator
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.pictures import colours
 from steered_marigold.pictures.colours import ERROR, robust_range

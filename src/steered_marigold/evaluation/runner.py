@@ -19,7 +19,7 @@ from torch import Tensor
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 from steered_marigold.evaluation.predictions import Predictions
-from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator, prepare
+from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog, score
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.methods.completer import DepthCompleter

@@ -9,7 +9,7 @@ from typing import Any
 
 from steered_marigold.datasets.dataset import Dataset
 from steered_marigold.datasets.registry import open_dataset
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.io.files import atomic_write, decoding, require_file
 from steered_marigold.methods.completer import DepthCompleter
 

@@ -13,7 +13,7 @@ from torch import Generator, Tensor
 
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.evaluation.pictures import sparse_picture, truth_picture
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.methods.steered import SteeredCompleter
 from steered_marigold.pictures.colours import robust_range
 from steered_marigold.pictures.grids import panels, show, show_depth

@@ -1,3 +1,4 @@
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,18 +8,31 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from steered_marigold.core.geometry import project, unproject
+from steered_marigold.core.sparsity import HALVES
 from steered_marigold.datasets.folder import FrameFolder
 from steered_marigold.datasets.sample import RgbdSample
 from steered_marigold.errors import FileFormatError, InputError, SizeMismatchError
-from steered_marigold.evaluation.protocol import (
+from steered_marigold.evaluation.protocols import (
     KINDS,
+    WRONG_M,
     PreparedFrame,
     Protocol,
     frame_generator,
     prepare,
 )
+
+DIGESTS = {
+    "paper-uniform": "6ba206d71440",
+    "paper-erased": "0ed5dd526b6a",
+    "range": "aa9d1e1981ed",
+    "lidar": "98ae3ebc063b",
+    "objects": "c07eb345d9bd",
+    "region": "1b3988a4d41a",
+    "given": "cadc2bfcc58f",
+}
 
 
 def sample(frame_id: str = "0042", size: tuple[int, int] = (480, 640)) -> RgbdSample:
@@ -138,6 +152,82 @@ def test_range_and_lines() -> None:
     assert int(seen(lidar).any(dim=1).sum()) == 16
 
 
+@pytest.mark.parametrize("keep", HALVES)
+def test_half_keeps_one_half(keep: str) -> None:
+    frame = prepare(sample(), Protocol(kind="half", keep=keep), seed=0)
+    kept, hidden = frame.areas["measured"], frame.areas["hidden"]
+    assert int(kept.sum()) == pytest.approx(int(hidden.sum()), rel=0.01)
+    depth = frame.depth
+    if keep == "near":
+        assert float(depth[kept].max()) <= float(depth[hidden].min())
+    elif keep == "far":
+        assert float(depth[kept].min()) >= float(depth[hidden].max())
+    elif keep == "bottom":
+        assert not bool(kept[:240].any())
+    else:
+        assert not bool(kept[:, 320:].any())
+
+
+def test_shape_is_a_square_inside_the_image() -> None:
+    whole = replace(sample(), valid_mask=torch.ones(480, 640, dtype=torch.bool))
+    frame = prepare(whole, Protocol(kind="shape"), seed=0)
+    rows, columns = (~seen(frame)).nonzero(as_tuple=True)
+    assert len(rows) == 150 * 150
+    assert int(rows.max() - rows.min()) == int(columns.max() - columns.min()) == 149
+
+
+def test_spoilers_say_what_they_made_wrong() -> None:
+    assert prepare(sample(), Protocol(kind="dense", noise=0.1), seed=0).wrong is None
+    clean = prepare(room(), Protocol(kind="dense"), seed=0).measurements.sparse_depth
+    for options in ({"flying_pixels": 1.0}, {"patches": 5}, {"outliers": 0.1}):
+        frame = prepare(room(), Protocol(kind="dense", **options), seed=0)
+        moved = (frame.measurements.sparse_depth - clean).abs() > WRONG_M
+        assert frame.wrong is not None
+        assert torch.equal(frame.wrong, moved)
+        assert bool(moved.any())
+
+
+def test_flying_pixels_lie_between_both_sides_of_an_edge() -> None:
+    frame = prepare(room(), Protocol(kind="dense", flying_pixels=1.0), seed=0)
+    assert frame.wrong is not None
+    flying = frame.measurements.sparse_depth[frame.wrong]
+    assert float(flying.min()) > 1.0
+    assert float(flying.max()) < 3.0
+    columns = frame.wrong.any(dim=0).nonzero()[:, 0]
+    assert columns.tolist() == [318, 319, 320, 321]
+    some = prepare(room(), Protocol(kind="dense", flying_pixels=0.25), seed=0).wrong
+    assert some is not None
+    assert int(some.sum()) == pytest.approx(0.25 * int(frame.wrong.sum()), rel=0.2)
+    assert not bool((some & ~frame.wrong).any())
+
+
+def test_patches_are_connected_regions_of_50_to_2000_px() -> None:
+    frame = prepare(room(), Protocol(kind="dense", patches=1), seed=0)
+    assert frame.wrong is not None
+    _, count = ndimage.label(frame.wrong.numpy())
+    assert count == 1
+    assert 20 < int(frame.wrong.sum()) <= 2100
+    factor = frame.measurements.sparse_depth[frame.wrong] / frame.depth[frame.wrong]
+    assert bool(((factor > 1.25) | (factor < 0.8)).all())
+
+
+def room() -> RgbdSample:
+    """A wall at 1 m on the left, one at 3 m on the right."""
+    depth = torch.full((480, 640), 3.0)
+    depth[:, :320] = 1.0
+    return replace(sample(), depth=depth, valid_mask=torch.ones(480, 640, dtype=torch.bool))
+
+
+def test_samples_are_those_of_earlier_runs(masks: Path) -> None:
+    """Measurements to the bit, so that kept runs and published figures stay comparable."""
+    digests = {}
+    for kind in DIGESTS:
+        chosen = protocol(kind, masks, noise=0.1, outliers=0.1)
+        depth = prepare(sample(), chosen, seed=5).measurements.sparse_depth
+        digests[kind] = hashlib.sha256(depth.contiguous().numpy().tobytes()).hexdigest()[:12]
+    assert digests == DIGESTS
+
+
 def test_region_hides_a_third_of_the_connected_area(real_frames: Path) -> None:
     data = FrameFolder(real_frames, max_depth=20.0)
     for frame_id in ("realsense_3", "window_420"):
@@ -204,6 +294,7 @@ def test_names_tell_protocols_apart() -> None:
     assert Protocol(kind="lidar", lines=8, noise=0.1, outliers=0.05).name == (
         "lidar-8+noise-0.1+outliers-0.05"
     )
+    assert Protocol(kind="half", keep="far", patches=3).name == "half-far+patches-3"
 
 
 def test_bad_input(tmp_path: Path) -> None:
@@ -225,3 +316,7 @@ def test_bad_input(tmp_path: Path) -> None:
         Protocol(kind="sensor")
     with pytest.raises(InputError, match="outliers"):
         Protocol(kind="lidar", outliers=2.0)
+    with pytest.raises(InputError, match="choose one of near, far"):
+        Protocol(kind="half", keep="top")
+    with pytest.raises(InputError, match="no room for a square"):
+        prepare(sample(size=(150, 640)), Protocol(kind="shape"), seed=0)
