@@ -74,10 +74,10 @@ def _course(
 ) -> Course:
     depth, known = _measured_on_grid(pipeline, frame, steps[0].predicted)
     condition = normalise_condition(depth, known)
-    low, high = depth_range(frame.depth.numpy())
+    low, high = depth_range(frame.metric_depth.numpy())
     truth = 2 * (depth - low) / (high - low) - 1
     return Course(
-        frame.frame_id,
+        frame.shown.id,
         alignment,
         [step.timestep for step in steps],
         [scale_and_shift(condition, step.predicted[None], known) for step in steps],
@@ -90,10 +90,10 @@ def _measured_on_grid(
 ) -> tuple[Tensor, Tensor]:
     """Measurements [m] and their mask, [1, h, w], where preset `paper` steers."""
     resolution = 0 if pipeline.image_encoder is None else pipeline.default_processing_resolution
-    image = frame.image.permute(2, 0, 1).float() / 255
+    image = frame.shown.image.permute(2, 0, 1).float() / 255
     _, (below, right), _ = pipeline.image_processor.preprocess(image, resolution, "bilinear")
     height, width = grid.shape
-    measured = frame.measurements
+    measured = frame.shown
     return move_to_grid(
         measured.sparse_depth[None],
         measured.valid_mask[None],

@@ -6,27 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from steered_marigold.cli.complete import Dtype
 from steered_marigold.cli.messages import say_error, say_warning
+from steered_marigold.cli.options import Dtype, option_panel
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
     from steered_marigold.evaluation.runner import Run
     from steered_marigold.evaluation.settings import RunSettings
 
-_DATA, _PROTOCOL, _RUN = "Which frames", "What is measured", "How to run"
-
-
-def _data(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_DATA, **kwargs)
-
-
-def _protocol(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_PROTOCOL, **kwargs)
-
-
-def _run(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_RUN, **kwargs)
+_data = option_panel("Which frames")
+_protocol = option_panel("What is measured")
+_run = option_panel("How to run")
 
 
 def evaluate(
@@ -38,8 +28,8 @@ def evaluate(
     ],
     methods: Annotated[
         str,
-        Option(help="Names with commas; settings after @: steered:paper@steering_strength=0.2."),
-    ] = "linear,nearest,ip-basic,telea,marigold,steered",
+        Option(help="Names with commas; settings after @: paper@steering_strength=0.2."),
+    ] = "linear,nearest,ip-basic,telea,marigold,default",
     split: Annotated[str, _data(help="Of nyuv2: test, train or all.")] = "test",
     ground_truth: Annotated[
         str, _data(help="Of nyuv2: raw (the sensor's) or inpainted (dense).")
@@ -93,8 +83,8 @@ def evaluate(
     ] = "embedded",
     device: Annotated[str, _run(help="cpu, cuda, mps.")] = "cpu",
     dtype: Annotated[
-        Dtype | None, _run(help="What the networks compute in.", show_default="the method's")
-    ] = None,
+        Dtype, _run(help="What all networks compute in; auto: what the device is fastest in.")
+    ] = Dtype.FLOAT32,
     weights: Annotated[
         str, _run(help="METHOD=FILE with commas, for bpnet and completionformer.")
     ] = "",
@@ -137,7 +127,7 @@ def evaluate(
             flying_pixels=flying_pixels,
             patches=patches,
         ),
-        methods=split_methods(methods),
+        methods=_method_labels(methods),
         frames=select_frames(
             open_dataset(dataset, path, **reading), frames_file=frames, limit=limit
         ),
@@ -145,7 +135,7 @@ def evaluate(
         official_metrics=official_metrics,
         checkpoint=checkpoint,
         device=device,
-        dtype=None if dtype is None else _dtype_name(dtype, device),
+        dtype=dtype.value,
         weights=dict(_method_and_file(item) for item in filter(None, weights.split(","))),
     )
     run = _run_with_progress(
@@ -159,34 +149,29 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def _dtype_name(dtype: Dtype, device: str) -> str:
-    """The precision by its name in torch; `auto` becomes that of the device."""
-    if dtype is not Dtype.AUTO:
-        return dtype.value
-    import torch
-
-    from steered_marigold.diffusion.checkpoints import fastest_dtype
-
-    return str(fastest_dtype(torch.device(device))).removeprefix("torch.")
-
-
-def split_methods(text: str) -> tuple[str, ...]:
+def _method_labels(text: str) -> tuple[str, ...]:
     """Names at commas, but `a@x=1,y=2` is one name. InputError for none or a repeated one."""
+    from steered_marigold.methods.registry import method_label
+
     names: list[str] = []
     for part in filter(None, (part.strip() for part in text.split(","))):
         if "=" in part and "@" not in part and names:
             names[-1] += f",{part}"
         else:
             names.append(part)
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"--methods {text!r} names no method, or one of them twice")
-    return tuple(names)
+    labels = [method_label(name) for name in names]
+    if not labels or len(set(labels)) < len(labels):
+        raise InputError(f"`methods` {text!r} names no method, or one of them twice")
+    for name, label in zip(names, labels, strict=True):
+        if name != label:
+            say_warning(f"{name} is called {label} now; the old name goes with version 0.3")
+    return tuple(labels)
 
 
 def _method_and_file(text: str) -> tuple[str, Path]:
     method, separator, file = text.partition("=")
     if not separator:
-        raise InputError(f"--weights {text!r} must be METHOD=FILE")
+        raise InputError(f"`weights` {text!r} must be METHOD=FILE")
     return method, Path(file).resolve()
 
 

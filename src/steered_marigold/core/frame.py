@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.geometry import crop_intrinsics
 from steered_marigold.core.notices import Notice
 from steered_marigold.errors import InputError, SizeMismatchError
 
@@ -54,6 +55,22 @@ class Frame:
         valid = self.valid_mask & mask
         return replace(
             self, valid_mask=valid, sparse_depth=torch.where(valid, self.sparse_depth, 0.0)
+        )
+
+    def crop(self, rows: slice, columns: slice) -> "Frame":
+        """The part in a rectangle of pixels; K moves along."""
+        window = (rows, columns)
+        confidence = None if self.confidence is None else self.confidence[window]
+        K = self.K
+        if K is not None:
+            K = crop_intrinsics(K, top=rows.start, left=columns.start)
+        return replace(
+            self,
+            image=self.image[window],
+            sparse_depth=self.sparse_depth[window],
+            valid_mask=self.valid_mask[window],
+            confidence=confidence,
+            K=K,
         )
 
 

@@ -8,8 +8,7 @@
 | steering_strength | lambda = steering_strength * sqrt(1 - alpha_bar) |
 """
 
-from collections.abc import Callable, Hashable
-from functools import lru_cache
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -82,16 +81,14 @@ def last_timesteps(scheduler: Any, share: float) -> Int[Tensor, " steps"]:
 
 def require_clean_estimate(scheduler: Any) -> None:
     """InputError for a scheduler whose steps do not state x0~, or whose latents are scaled."""
-    kind: Hashable = type(scheduler)
-    if not _states_clean_estimate(kind):
+    if not _states_clean_estimate(type(scheduler)):
         raise InputError(
             f"the scheduler {type(scheduler).__name__} states no estimate of the clean sample in "
             "each step; use DDIMScheduler, DDPMScheduler or LCMScheduler"
         )
 
 
-@lru_cache
-def _states_clean_estimate(kind: Any) -> bool:
+def _states_clean_estimate(kind: type[Any]) -> bool:
     """Found out by one step on nothing; the names are those that `denoise` reads."""
     scheduler, nothing = kind(), torch.zeros(1, 1, 1, 1)
     if getattr(scheduler, "init_noise_sigma", None) != 1.0:

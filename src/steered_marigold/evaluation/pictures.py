@@ -43,8 +43,8 @@ def frame_picture(frame: PreparedFrame, answers: Answers) -> Figure:
     """
     truth = truth_picture(frame)
     depths, errors = robust_range(truth), Normalize(0, max(0.1, 0.25 * float(np.nanmedian(truth))))
-    figure, axes = panels(2, 2 + len(answers), frame.depth.shape)
-    show(axes[0, 0], frame.image.numpy(), "image")
+    figure, axes = panels(2, 2 + len(answers), frame.metric_depth.shape)
+    show(axes[0, 0], frame.shown.image.numpy(), "image")
     show_depth(axes[1, 0], sparse_picture(frame), depths, "input")
     drawn = show_depth(axes[0, 1], truth, depths, "truth")
     axes[1, 1].set_visible(False)
@@ -61,7 +61,7 @@ def frame_picture(frame: PreparedFrame, answers: Answers) -> Figure:
 
 def sparse_picture(frame: PreparedFrame) -> NDArray[np.float32]:
     """The measurements, larger than they are if few; nan elsewhere."""
-    measured = frame.measurements
+    measured = frame.shown
     depth, mask = measured.sparse_depth.numpy(), measured.valid_mask.numpy()
     return colours.sparse_picture(depth, mask, below=_SPARSE, radius=_POINT_RADIUS)
 
@@ -69,4 +69,4 @@ def sparse_picture(frame: PreparedFrame) -> NDArray[np.float32]:
 def truth_picture(frame: PreparedFrame) -> NDArray[np.float32]:
     """The true depth; nan where it is not known."""
     whole = next(iter(frame.areas.values()))  # the first area of every protocol is the whole frame
-    return np.where(whole.numpy(), frame.depth.numpy(), np.nan)
+    return np.where(whole.numpy(), frame.metric_depth.numpy(), np.nan)

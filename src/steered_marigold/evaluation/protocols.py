@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 from torch import Generator, Tensor
 
 from steered_marigold.core import sparsity
-from steered_marigold.core.geometry import center_crop, crop_intrinsics
-from steered_marigold.core.sparsity import Measurements
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.core.frame import Frame
+from steered_marigold.core.geometry import center_crop
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
 
@@ -41,8 +41,8 @@ class Scene:
     options: values by name. generator: draws the same numbers under every protocol.
     """
 
-    sample: RgbdSample
-    truth: Measurements
+    sample: Sample
+    truth: Frame
     options: Mapping[str, Any]
     generator: Generator
 
@@ -61,32 +61,31 @@ class Kind:
     """
 
     shows: str
-    measure: Callable[[Scene], Measurements]
+    measure: Callable[[Scene], Frame]
     options: Mapping[str, Any] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     crop: tuple[int, int] | None = None
     windows: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     focus: str = "hidden"
-    known_area: Callable[[Measurements], Bool[Tensor, "height width"]] | None = None
+    known_area: Callable[[Frame], Bool[Tensor, "height width"]] | None = None
 
 
-def _uniform(scene: Scene) -> Measurements:
+def _uniform(scene: Scene) -> Frame:
     count = scene.options["points"] or sparsity.fraction_to_count(PAPER_FRACTION, PAPER_CROP)
     return sparsity.sample_uniform(scene.truth, count, generator=scene.generator)
 
 
-def _erased(scene: Scene) -> Measurements:
+def _erased(scene: Scene) -> Frame:
     return sparsity.erase_rectangle(_uniform(scene), *center_crop(PAPER_CROP, PAPER_ERASED))
 
 
-def _given(scene: Scene) -> Measurements:
-    depth, mask = scene.sample.sparse_depth, scene.sample.sparse_mask
-    if depth is None or mask is None:
+def _given(scene: Scene) -> Frame:
+    if not scene.sample.frame.measured:
         raise InputError("the data set holds no sparse depth; use another protocol than given")
-    return Measurements(sparse_depth=depth, valid_mask=mask)
+    return scene.sample.frame
 
 
-def _outside_holes(scene: Scene) -> Measurements:
+def _outside_holes(scene: Scene) -> Frame:
     """Outside the holes of one of the folder's depth maps, drawn at random, stretched to fit."""
     folder: Path = scene.options["masks"]
     paths = [path for path in sorted(folder.glob("*")) if path.suffix.lower() in DEPTH_SUFFIXES]
@@ -99,15 +98,15 @@ def _outside_holes(scene: Scene) -> Measurements:
         torch.arange(new) * old // new
         for new, old in zip(scene.truth.valid_mask.shape, mask.shape, strict=True)
     )
-    return sparsity.keep(scene.truth, mask[rows[:, None], columns[None, :]])
+    return scene.truth.keep(mask[rows[:, None], columns[None, :]])
 
 
-def _all_but_erased(measurements: Measurements) -> Bool[Tensor, "height width"]:
-    return ~_centre(measurements.valid_mask, PAPER_ERASED)
+def _all_but_erased(frame: Frame) -> Bool[Tensor, "height width"]:
+    return ~_centre(frame.valid_mask, PAPER_ERASED)
 
 
-def _measured(measurements: Measurements) -> Bool[Tensor, "height width"]:
-    return measurements.valid_mask
+def _measured(frame: Frame) -> Bool[Tensor, "height width"]:
+    return frame.valid_mask
 
 
 _PAPER = partial(Kind, options={"points": None}, crop=PAPER_CROP, windows=PAPER_AREAS)
@@ -165,7 +164,7 @@ KINDS: dict[str, Kind] = {
 }
 
 # how measurements go wrong: (measurements, all depth, option, generator) -> measurements; in order
-Spoil = Callable[[Measurements, Measurements, Any, Generator], Measurements]
+Spoil = Callable[[Frame, Frame, Any, Generator], Frame]
 SPOILERS: dict[str, Spoil] = {
     "noise": lambda m, _, sigma, g: sparsity.add_noise(m, sigma, generator=g),
     "outliers": lambda m, _, share, g: sparsity.add_outliers(m, share, generator=g),
@@ -270,60 +269,49 @@ def _is_shown(value: Any) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedFrame:
-    """A frame as a protocol shows it to every method.
+    """A frame as a protocol shows it to every method, and where answers to it are scored.
 
-    image: RGB in 0..255. measurements: [m]. K: intrinsics [px], if known. depth: the truth [m].
-    areas: the pixels to score, by area, all of them with a truth. focus: the area that the protocol
-    is about. known_area: where the protocol measures, if that is an area with a clear border.
-    wrong: the measurements that a spoiler (noise apart) moved by more than WRONG_M; None if the
-    protocol spoils none.
+    shown: image and measurements. metric_depth: the truth [m]. areas: the pixels to score, by area,
+    all of them with a truth. focus: the area that the protocol is about. known_area: where the
+    protocol measures, if that is an area with a clear border. wrong: the measurements that a
+    spoiler (noise apart) moved by more than WRONG_M; None if the protocol spoils none.
     """
 
-    frame_id: str
-    image: UInt8[Tensor, "height width 3"]
-    measurements: Measurements
-    K: Float[Tensor, "3 3"] | None
-    depth: Float[Tensor, "height width"]
+    shown: Frame
+    metric_depth: Float[Tensor, "height width"]
     areas: Mapping[str, Bool[Tensor, "height width"]]
     focus: str
     known_area: Bool[Tensor, "height width"] | None
     wrong: Bool[Tensor, "height width"] | None = None
 
 
-def prepare(sample: RgbdSample, protocol: Protocol, *, seed: int) -> PreparedFrame:
+def prepare(sample: Sample, protocol: Protocol, *, seed: int) -> PreparedFrame:
     """The frame as the protocol shows it.
 
     Raises SizeMismatchError for a frame smaller than the paper's crop under its protocols,
     InputError if "given" measurements are wanted and the data set has none.
     """
-    kind = protocol.record
-    height, width = sample.depth.shape
-    rows, columns = slice(0, height), slice(0, width)
+    kind, truth = protocol.record, sample.truth
     if kind.crop is not None:
-        rows, columns = center_crop((height, width), kind.crop)
-    depth, valid = sample.depth[rows, columns], sample.valid_mask[rows, columns]
+        truth = truth.crop(*center_crop(truth.size, kind.crop))
     scene = Scene(
         sample=sample,
-        truth=Measurements(sparse_depth=depth, valid_mask=valid),
+        truth=truth,
         options=protocol.options,
-        generator=frame_generator(seed, sample.frame_id, "samples"),
+        generator=frame_generator(seed, truth.id, "samples"),
     )
-    measurements, wrong = _spoil(kind.measure(scene), scene, protocol, seed)
+    shown, wrong = _spoil(kind.measure(scene), scene, protocol, seed)
+    valid, seen = truth.valid_mask, shown.valid_mask
     if kind.windows:
         areas = {name: valid & _centre(valid, size) for name, size in kind.windows.items()}
     else:
-        seen = measurements.valid_mask
         areas = dict(zip(OPEN_AREAS, (valid, valid & seen, valid & ~seen), strict=True))
-    K = sample.K
     return PreparedFrame(
-        frame_id=sample.frame_id,
-        image=sample.image[rows, columns],
-        measurements=measurements,
-        K=None if K is None else crop_intrinsics(K, top=rows.start, left=columns.start),
-        depth=depth,
+        shown=shown,
+        metric_depth=truth.sparse_depth,
         areas=areas,
         focus=protocol.focus,
-        known_area=None if kind.known_area is None else kind.known_area(measurements),
+        known_area=None if kind.known_area is None else kind.known_area(shown),
         wrong=wrong,
     )
 
@@ -335,21 +323,21 @@ def frame_generator(seed: int, frame_id: str, purpose: str) -> Generator:
 
 
 def _spoil(
-    measurements: Measurements, scene: Scene, protocol: Protocol, seed: int
-) -> tuple[Measurements, Bool[Tensor, "height width"] | None]:
-    """The measurements with all that the protocol does to them, and which of them became wrong."""
+    frame: Frame, scene: Scene, protocol: Protocol, seed: int
+) -> tuple[Frame, Bool[Tensor, "height width"] | None]:
+    """The frame with all that the protocol does to them, and which measurements became wrong."""
     wrong = None
     for spoiler, spoil in SPOILERS.items():
         value = getattr(protocol, spoiler)
         if not value:
             continue
-        generator = frame_generator(seed, scene.sample.frame_id, spoiler)
-        spoiled = spoil(measurements, scene.truth, value, generator)
+        generator = frame_generator(seed, frame.id, spoiler)
+        spoiled = spoil(frame, scene.truth, value, generator)
         if spoiler != "noise":
-            moved = (spoiled.sparse_depth - measurements.sparse_depth).abs() > WRONG_M
+            moved = (spoiled.sparse_depth - frame.sparse_depth).abs() > WRONG_M
             wrong = moved if wrong is None else wrong | moved
-        measurements = spoiled
-    return measurements, wrong
+        frame = spoiled
+    return frame, wrong
 
 
 def _centre(

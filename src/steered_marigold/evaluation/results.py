@@ -70,19 +70,19 @@ def score(
     for name, mask in frame.areas.items():
         if not mask.any():
             continue
-        errors = asdict(depth_errors(depth, frame.depth, mask, official=official))
+        errors = asdict(depth_errors(depth, frame.metric_depth, mask, official=official))
         if completion.uncertainty is not None:
             sigma = completion.uncertainty[0].cpu()
-            errors |= asdict(uncertainty_errors(depth, sigma, frame.depth, mask))
+            errors |= asdict(uncertainty_errors(depth, sigma, frame.metric_depth, mask))
         areas[name] = {"valid_pixels": int(mask.sum()), **errors}
     whole, known = next(iter(frame.areas.values())), frame.known_area
     measured, trusted = completion.measured[0].cpu(), completion.trusted[0].cpu()
     wrong = torch.zeros_like(measured) if frame.wrong is None else frame.wrong
     floored = completion.floored
-    deviation = (depth - frame.measurements.sparse_depth)[trusted & measured].abs()
+    deviation = (depth - frame.shown.sparse_depth)[trusted & measured].abs()
     return ImageResult(
         method=method,
-        frame_id=frame.frame_id,
+        frame_id=frame.shown.id,
         areas=areas,
         seconds=seconds,
         trusted_fraction=int((trusted & measured).sum()) / max(int(measured.sum()), 1),
@@ -90,7 +90,7 @@ def score(
         right_left_out=_share(~trusted, measured & ~wrong),
         floored_fraction=None if floored is None else float(floored.float().mean()),
         max_deviation_m=float(deviation.max()) if deviation.numel() else None,
-        seam_step=None if known is None else seam_step(depth, frame.depth, whole, known),
+        seam_step=None if known is None else seam_step(depth, frame.metric_depth, whole, known),
         curves=_curves(completion, frame),
     )
 
@@ -108,7 +108,7 @@ def _curves(
     if completion.uncertainty is None or not mask.any():
         return None
     depth, sigma = completion.depth[0].cpu(), completion.uncertainty[0].cpu()
-    return asdict(uncertainty_curves(depth, sigma, frame.depth, mask))
+    return asdict(uncertainty_curves(depth, sigma, frame.metric_depth, mask))
 
 
 class ResultLog:

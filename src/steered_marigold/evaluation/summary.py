@@ -68,9 +68,9 @@ def image_values(run: Run, method: str, area: str, key: str) -> dict[str, float]
 
 
 def reference_method(methods: Iterable[str]) -> str:
-    """What the others are compared with: `steered`, or the first method."""
+    """What the others are compared with: `default`, or the first method."""
     methods = tuple(methods)
-    return "steered" if "steered" in methods else methods[0]
+    return "default" if "default" in methods else methods[0]
 
 
 def compare(run: Run, *, area: str) -> Comparison:
@@ -139,6 +139,7 @@ def _row(run: Run, method: str, area: str) -> dict[str, Any]:
     seconds = [result.seconds for result in results if result.seconds is not None]
     row: dict[str, Any] = {
         "method": method,
+        "runs_as": _runs_as(run.described[method]),
         "protocol": run.settings.protocol.name,
         "area": area,
         "images": len(values["abs_rel"]),
@@ -160,11 +161,17 @@ def _row(run: Run, method: str, area: str) -> dict[str, Any]:
     return row
 
 
+def _runs_as(described: Mapping[str, Any]) -> str:
+    """E.g. "steers, float32, cpu"."""
+    steers = ["steers"] if described["steers"] else []
+    return ", ".join([*steers, *(described[k] for k in ("dtype", "device") if k in described)])
+
+
 def _metadata(run: Run) -> dict[str, Any]:
     settings = run.settings
     return {
         **settings.to_json(),
-        "methods": {label: settings.method_name(label) for label in run.results},
+        "methods": {label: run.described[label] for label in run.results},
         "left_out": run.left_out,
         "workers": run.workers,
         "threads_per_worker": run.threads_per_worker,

@@ -79,6 +79,7 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     ours = [
         (
             Cell(row["method"]),
+            Cell(row["runs_as"]),
             *(_cell(row, key, best[key]) for key in keys),
             Cell(f"{row['images']}" + (f" ({row['failed']} failed)" if row["failed"] else "")),
             Cell(_number(row["seconds_per_image"], 2)),
@@ -88,13 +89,14 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     published = [
         (
             Cell(f"{row.title} (published)"),
+            Cell(""),
             *(Cell(_number(getattr(row, key, None))) for key in keys),
             Cell("654"),
             Cell("–"),
         )
         for row in published_rows(settings, area)
     ]
-    header = ("method", *(_TITLES[key] for key in keys), "images", "s / image")
+    header = ("method", "runs as", *(_TITLES[key] for key in keys), "images", "s / image")
     return Table(area, header, tuple(ours), tuple(published))
 
 
@@ -118,7 +120,7 @@ def comparison_table(compared: Comparison, area: str, reference: str) -> Table:
 
 
 def _verdict(compared: Comparison, method: str, reference: str) -> str:
-    """E.g. "steered against linear: better in REL, RMSE; not distinguishable in δ1."."""
+    """E.g. "default against linear: better in REL, RMSE; not distinguishable in δ1."."""
     found: dict[str, list[str]] = {"better": [], "worse": [], "not distinguishable": []}
     for (name, key), paired in compared.items():
         if name == method:
@@ -159,7 +161,7 @@ def to_html(table: Table) -> str:
 
 def to_latex(tables: Sequence[Table]) -> str:
     """All areas in one booktabs table, the paper's columns: no images, times and intervals."""
-    columns = tables[0].header[1:-2]
+    columns = tables[0].header[2:-2]
     lines = [
         rf"\begin{{tabular}}{{ll{'c' * len(columns)}}}",
         r"\toprule",
@@ -168,7 +170,7 @@ def to_latex(tables: Sequence[Table]) -> str:
     for table in tables:
         lines.append(r"\midrule")
         for row, style in (*product(table.rows, [""]), *product(table.published, ["textit"])):
-            name, *figures = row[:-2]
+            name, _, *figures = row[:-2]
             cells = (Cell(name.text), Cell(table.area), *figures)
             lines.append(_ampersands(_latex(cell, style) for cell in cells))
     lines += [r"\bottomrule", r"\end{tabular}"]
