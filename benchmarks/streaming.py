@@ -3,7 +3,7 @@
     python -m benchmarks.streaming --frames 30
 
 No real video comes with this project, so a hand-held camera moves through procedural rooms
-(`training.rooms`), and a depth camera's holes are simulated. The checkpoint was trained on other
+(`rooms`), and a depth camera's holes are simulated. The checkpoint was trained on other
 rooms of this generator: errors here are lower than on real frames, and only the comparison counts.
 """
 
@@ -22,8 +22,8 @@ from benchmarks.measuring import machine, markdown_table, write_json
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.methods.steered import SteeredCompleter
 from steered_marigold.methods.streaming import StreamingCompleter
-from training.rooms.render import RoomFrame, camera_path
-from training.rooms.sensor import sensor_holes
+from rooms.render import RoomFrame, camera_path
+from rooms.sensor import sensor_holes
 
 # far from the seeds of the training data
 FIRST_SEED = 900_000

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
-from training.rooms.camera import Camera, hand_held, intrinsics, look
-from training.rooms.layout import Room, build_room
-from training.rooms.photo import choose_film, photograph
-from training.rooms.raycast import Surface, World
-from training.rooms.shading import lighting_of, shade
+from rooms.camera import Camera, hand_held, intrinsics, look
+from rooms.layout import Room, build_room
+from rooms.photo import choose_film, photograph
+from rooms.raycast import Surface, World
+from rooms.shading import lighting_of, shade
 
 MAX_DEPTH_M = 10.0
 

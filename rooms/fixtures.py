@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from training.rooms import materials as made_of
-from training.rooms.materials import Generator
-from training.rooms.mesh import box, boxes, can, join, lathe, panel, pillow, rods, sheet
-from training.rooms.models import Model, Part, Shelf, between, chance
+from rooms import materials as made_of
+from rooms.materials import Generator
+from rooms.mesh import box, boxes, can, join, lathe, panel, pillow, rods, sheet
+from rooms.models import Model, Part, Shelf, between, chance
 
 
 def plant(g: Generator) -> Model:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from training.rooms import materials as made_of
-from training.rooms.materials import Generator
-from training.rooms.mesh import box, boxes, panel, rods
-from training.rooms.models import Model, Part, Shelf, between, chance
+from rooms import materials as made_of
+from rooms.materials import Generator
+from rooms.mesh import box, boxes, panel, rods
+from rooms.models import Model, Part, Shelf, between, chance
 
 
 def drawers(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from training.rooms.models import Light, Sun
-from training.rooms.raycast import Hits, Scalars, Surface, Vectors, World
-from training.rooms.vectors import cross, dot, unit
+from rooms.models import Light, Sun
+from rooms.raycast import Hits, Scalars, Surface, Vectors, World
+from rooms.vectors import cross, dot, unit
 
 _TILE = 4
 _OFFSET = 2e-3  # rays start this far from surfaces [m]

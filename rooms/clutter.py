@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from training.rooms import materials as made_of
-from training.rooms.fixtures import lamp, plant
-from training.rooms.materials import Generator
-from training.rooms.mesh import box, boxes, can, flat_panel, join, lathe, panel, pillow, rods, sheet
-from training.rooms.models import Model, Part, Shelf, between, chance
+from rooms import materials as made_of
+from rooms.fixtures import lamp, plant
+from rooms.materials import Generator
+from rooms.mesh import box, boxes, can, flat_panel, join, lathe, panel, pillow, rods, sheet
+from rooms.models import Model, Part, Shelf, between, chance
 
 
 def _centred(parts: list[Part], w: float, d: float, h: float) -> Model:

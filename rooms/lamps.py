@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from training.rooms import materials as made_of
-from training.rooms.materials import Generator, Material
-from training.rooms.mesh import box, lathe, pillow, rods
-from training.rooms.models import Light, Part, Sun, between, chance
-from training.rooms.shell import Opening, Wall
+from rooms import materials as made_of
+from rooms.materials import Generator, Material
+from rooms.mesh import box, lathe, pillow, rods
+from rooms.models import Light, Part, Sun, between, chance
+from rooms.shell import Opening, Wall
 
 
 def bulb(place: Float[np.ndarray, "3"], power: Float[np.ndarray, "3"]) -> Light:

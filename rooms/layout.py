@@ -5,15 +5,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from training.rooms import materials as made_of
-from training.rooms import seating, tables
-from training.rooms.clutter import clutter, floor_thing
-from training.rooms.decor import on_wall
-from training.rooms.lamps import add_lamps, bulb, sunshine, window_light
-from training.rooms.materials import Generator, Material
-from training.rooms.mesh import box, flat_panel, sheet
-from training.rooms.models import Light, Model, Part, Sun, between, chance
-from training.rooms.shell import (
+from rooms import materials as made_of
+from rooms import seating, tables
+from rooms.clutter import clutter, floor_thing
+from rooms.decor import on_wall
+from rooms.lamps import add_lamps, bulb, sunshine, window_light
+from rooms.materials import Generator, Material
+from rooms.mesh import box, flat_panel, sheet
+from rooms.models import Light, Model, Part, Sun, between, chance
+from rooms.shell import (
     Opening,
     Wall,
     cladding,
@@ -24,7 +24,7 @@ from training.rooms.shell import (
     wall_mesh,
     window,
 )
-from training.rooms.themes import THEMES, Make, Theme
+from rooms.themes import THEMES, Make, Theme
 
 Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1 [m]
 FREE_RADIUS = 0.4  # around the camera [m]

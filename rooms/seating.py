@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from training.rooms import materials as made_of
-from training.rooms.materials import Generator
-from training.rooms.mesh import Mesh, box, join, pillow, rods, sheet
-from training.rooms.models import Model, Part, Shelf, between, chance
-from training.rooms.tables import legs
+from rooms import materials as made_of
+from rooms.materials import Generator
+from rooms.mesh import Mesh, box, join, pillow, rods, sheet
+from rooms.models import Model, Part, Shelf, between, chance
+from rooms.tables import legs
 
 
 def chair(g: Generator) -> Model:

@@ -8,11 +8,11 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float32, Int
 
-from training.rooms.materials import Material
-from training.rooms.mesh import join
-from training.rooms.models import Part
-from training.rooms.textures import lookup, mean_albedo
-from training.rooms.vectors import cross, dot, unit
+from rooms.materials import Material
+from rooms.mesh import join
+from rooms.models import Part
+from rooms.textures import lookup, mean_albedo
+from rooms.vectors import cross, dot, unit
 
 Vectors = Float32[np.ndarray, "n 3"]
 Scalars = Float32[np.ndarray, " n"]

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from training.rooms import materials as made_of
-from training.rooms.clutter import clutter
-from training.rooms.materials import Generator
-from training.rooms.mesh import box, lathe, panel, rods, sheet
-from training.rooms.models import Part, Shelf, between, chance
+from rooms import materials as made_of
+from rooms.clutter import clutter
+from rooms.materials import Generator
+from rooms.mesh import box, lathe, panel, rods, sheet
+from rooms.models import Part, Shelf, between, chance
 
 
 def on_wall(g: Generator, x: float, width: float) -> list[Part]:

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from training.rooms import materials as made_of
-from training.rooms.materials import Generator
-from training.rooms.mesh import Mesh, box, boxes, can, lathe, panel, rods
-from training.rooms.models import Model, Part, Shelf, between, chance
-from training.rooms.storage import drawers
+from rooms import materials as made_of
+from rooms.materials import Generator
+from rooms.mesh import Mesh, box, boxes, can, lathe, panel, rods
+from rooms.models import Model, Part, Shelf, between, chance
+from rooms.storage import drawers
 
 
 def legs(

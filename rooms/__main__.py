@@ -1,8 +1,8 @@
 """Random rooms on disk: shards for training, a contact sheet, the package's sample frame.
 
-python -m training.rooms --output DIR --frames 6000 --workers 2 --seed 0
-python -m training.rooms --contact-sheet sheet.png
-python -m training.rooms --sample src/steered_marigold/assets/sample
+python -m rooms --output DIR --frames 6000 --workers 2 --seed 0
+python -m rooms --contact-sheet sheet.png
+python -m rooms --sample src/steered_marigold/assets/sample
 """
 
 import re
@@ -14,9 +14,9 @@ import matplotlib
 import numpy as np
 import typer
 
-from training.rooms.render import render_room
-from training.rooms.sample import write_sample
-from training.rooms.shards import first_seed, write_shards
+from rooms.render import render_room
+from rooms.sample import write_sample
+from rooms.shards import first_seed, write_shards
 
 
 def main(

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from training.rooms import materials as made_of
-from training.rooms.camera import Camera, intrinsics, look
-from training.rooms.lamps import bulb
-from training.rooms.mesh import box, panel
-from training.rooms.models import Part, Sun
-from training.rooms.photo import choose_film, photograph
-from training.rooms.raycast import World
-from training.rooms.shading import _average, lighting_of, shade
+from rooms import materials as made_of
+from rooms.camera import Camera, intrinsics, look
+from rooms.lamps import bulb
+from rooms.mesh import box, panel
+from rooms.models import Part, Sun
+from rooms.photo import choose_film, photograph
+from rooms.raycast import World
+from rooms.shading import _average, lighting_of, shade
 
 SHAPE = (24, 32)
 AMBIENT = np.array([0.1, 0.1, 0.1])

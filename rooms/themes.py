@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from training.rooms import fixtures, seating, storage, tables
-from training.rooms.clutter import floor_thing
-from training.rooms.materials import Generator
-from training.rooms.models import Model
+from rooms import fixtures, seating, storage, tables
+from rooms.clutter import floor_thing
+from rooms.materials import Generator
+from rooms.models import Model
 
 Make = Callable[[Generator], Model]
 

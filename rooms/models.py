@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from training.rooms.materials import Material
-from training.rooms.mesh import Mesh, Point
+from rooms.materials import Material
+from rooms.mesh import Mesh, Point
 
 Part = tuple[Mesh, Material]
 Vector = Float[np.ndarray, "3"]

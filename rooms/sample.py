@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from training.rooms.render import render_room
-from training.rooms.sensor import sensor_holes
+from rooms.render import render_room
+from rooms.sensor import sensor_holes
 
 SEED = 295  # chosen by eye
 WIDTH, HEIGHT = 640, 480

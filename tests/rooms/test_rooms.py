@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import typer
 
-from training.rooms.__main__ import main
-from training.rooms.render import RoomFrame, camera_path, render_room
-from training.rooms.sensor import BASELINE_M, projector_shadow, returned_light, sensor_holes
-from training.rooms.shards import first_seed, shard_path, write_shards
+from rooms.__main__ import main
+from rooms.render import RoomFrame, camera_path, render_room
+from rooms.sensor import BASELINE_M, projector_shadow, returned_light, sensor_holes
+from rooms.shards import first_seed, shard_path, write_shards
 
 SAMPLE = Path(__file__).resolve().parents[2] / "src" / "steered_marigold" / "assets" / "sample"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from training.rooms.render import render_room
+from rooms.render import render_room
 
 FRAMES_PER_SHARD = 100
 

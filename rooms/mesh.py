@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from training.rooms.vectors import cross, unit
+from rooms.vectors import cross, unit
 
 Point = Sequence[float] | Float[np.ndarray, "3"]
 

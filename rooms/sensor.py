@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from training.rooms.render import RoomFrame
+from rooms.render import RoomFrame
 
 BASELINE_M = 0.075  # from the camera to the projector on its right
 _WEAKEST_SIGNAL = 0.008  # albedo over square metres

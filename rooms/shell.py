@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from training.rooms import materials as made_of
-from training.rooms.materials import Generator, Material
-from training.rooms.mesh import Mesh, box, boxes, join, panel, rods, sheet
-from training.rooms.models import Model, Part, between, chance
+from rooms import materials as made_of
+from rooms.materials import Generator, Material
+from rooms.mesh import Mesh, box, boxes, join, panel, rods, sheet
+from rooms.models import Model, Part, between, chance
 
 THICKNESS = 0.14  # of a wall [m]
 
