@@ -23,8 +23,8 @@ import torch
 from torch import nn
 
 from steered_marigold.methods.bpnet import BPNet, BPNetCompleter
-from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
 from steered_marigold.methods.completer import DepthCompleter
+from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
 
 METHODS: dict[str, tuple[type[nn.Module], type[BPNetCompleter | CompletionFormerCompleter]]] = {
     "bpnet": (BPNet, BPNetCompleter),

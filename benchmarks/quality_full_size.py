@@ -20,12 +20,12 @@ from steered_marigold.evaluation.settings import RunSettings
 METHODS = (
     "linear",
     "marigold",
-    "steered:paper",
-    "steered:paper@steering_codec=linear",
-    "steered",
-    "steered@steering_strength=0.3",
-    "steered@steering_strength=0.3,steering_codec=exact",
-    "steered:fast",
+    "paper",
+    "paper@steering_codec=linear",
+    "default",
+    "default@steering_strength=0.3",
+    "default@steering_strength=0.3,steering_codec=exact",
+    "fast",
 )
 PROTOCOLS = ("paper-uniform", "paper-erased")
 

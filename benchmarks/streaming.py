@@ -19,11 +19,11 @@ import typer
 from torch import Tensor
 
 from benchmarks.measuring import machine, markdown_table, write_json
+from rooms.render import RoomFrame, camera_path
+from rooms.sensor import sensor_holes
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.methods.steered import SteeredCompleter
 from steered_marigold.methods.streaming import StreamingCompleter
-from rooms.render import RoomFrame, camera_path
-from rooms.sensor import sensor_holes
 
 # far from the seeds of the training data
 FIRST_SEED = 900_000

@@ -124,8 +124,8 @@ class Subject:
     def native(self, frame_id: str) -> NativeFrame:
         """A frame at the training size."""
         frame = self.prepared("paper-uniform", frame_id)
-        millimetres = (frame.depth * 1000).round().numpy().astype(np.uint16)
-        small = resized(Frame(frame.image.numpy(), millimetres))
+        millimetres = (frame.metric_depth * 1000).round().numpy().astype(np.uint16)
+        small = resized(Frame(frame.shown.image.numpy(), millimetres))
         metres = small.depth.astype(np.float32) / 1000
         low, high = depth_range(metres)
         image = torch.from_numpy(small.image.transpose(2, 0, 1).copy())[None]
