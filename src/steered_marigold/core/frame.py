@@ -16,6 +16,8 @@ from steered_marigold.errors import InputError, SizeMismatchError
 
 # metres; a median beyond these is a wrong unit, most likely
 LEAST_MEDIAN, LARGEST_MEDIAN = 0.01, 200.0
+# modes of PIL images whose numbers are not red, green and blue, nor grey
+_COLOUR_CODES = ("1", "P", "PA", "LA", "La", "CMYK", "YCbCr", "LAB", "HSV")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +124,8 @@ def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
 
     Raises InputError, with what to do, for another shape, type or range.
     """
-    if getattr(image, "mode", "RGB") not in ("RGB", "RGBA", "L", "I;16", "F"):
-        image = image.convert("RGB")  # of PIL: palettes, CMYK, bits
+    if getattr(image, "mode", "RGB") in _COLOUR_CODES:
+        image = image.convert("RGB")  # of PIL
     values = as_array("image", image)
     if values.ndim == 2:
         values = values[..., None]
