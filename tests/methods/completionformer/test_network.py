@@ -1,6 +1,3 @@
-from ast import literal_eval
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -16,18 +13,24 @@ from steered_marigold.methods.completionformer.propagation import (
     sample,
 )
 from steered_marigold.methods.completionformer.pyramid import Attention, Pyramid, Stage
+from tests.methods.published import checksum, names_and_shapes, published_list
+
+PUBLISHED = "ea300c71a7a04ff2da0e232943643675f580b28f75e6ef42954789d76d2eaf47"
 
 
 def test_names_and_shapes_are_the_published_ones() -> None:
-    lines = (Path(__file__).parent / "state_dict.txt").read_text().splitlines()
-    published = {
-        name: literal_eval(shape) for name, shape in (line.split(" ", 1) for line in lines)
-    }
     with torch.device("meta"):
         network = CompletionFormer()
-    assert {name: tuple(value.shape) for name, value in network.state_dict().items()} == published
-    assert len(published) == 783
+    assert names_and_shapes(network) == PUBLISHED
+    assert len(network.state_dict()) == 783
     assert sum(parameter.numel() for parameter in network.parameters()) == 83_505_336
+
+
+def test_the_checksum_is_that_of_the_published_list() -> None:
+    lines = published_list("completionformer")
+    if not lines:
+        pytest.skip("the list of names and shapes is not on this machine")
+    assert checksum(lines) == PUBLISHED
 
 
 @pytest.mark.parametrize(("height", "width"), [(228, 304), (448, 608), (252, 1216), (32, 37)])
