@@ -182,7 +182,7 @@ def complete(
         depth_scale=depth_scale,
         max_depth=max_depth,
         registered=depth_grid is DepthGrid.REGISTERED,
-        K=None if intrinsics is None else read_intrinsics(intrinsics),
+        K=None if intrinsics is None else read_intrinsics(intrinsics).K,
         no_measurements=no_measurements,
         max_uncertainty=max_uncertainty,
         output_scale=output_scale,

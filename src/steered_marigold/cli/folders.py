@@ -15,7 +15,7 @@ from steered_marigold.cli.messages import say_error
 from steered_marigold.cli.settings import Inputs, Outputs, Settings, require_consistent
 from steered_marigold.errors import InputError, SteeredMarigoldError
 from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
 from steered_marigold.io.files import create_folder
 from steered_marigold.io.images import IMAGE_SUFFIXES
 

@@ -1,6 +1,7 @@
 """One frame from files to files: read, complete, write, and the record of what happened."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Protocol, runtime_checkable
 
@@ -11,13 +12,12 @@ from torch import Tensor
 from steered_marigold.cli.messages import say_warning
 from steered_marigold.cli.settings import Inputs, Outputs, Settings
 from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.registration import register_depth
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from steered_marigold.io.confidence_maps import read_confidence
 from steered_marigold.io.depth_maps import (
     MILLIMETRE,
-    MissingCounts,
-    implausible_scale,
     read_depth,
     write_depth,
     write_saturating,
@@ -61,13 +61,13 @@ class Frame:
     depth: Float[Tensor, "height width"]
     valid_mask: Bool[Tensor, "height width"]
     confidence: Float[Tensor, "height width"] | None = None
-    missing: MissingCounts | None = None
+    missing: Mapping[str, int] | None = None
 
 
 def read_frame(inputs: Inputs, settings: Settings) -> Frame:
     """The frame's files, checked against each other; InputError where they cannot be used."""
     if inputs.depth is None:
-        image = read_image(inputs.image)
+        image = read_image(inputs.image).pixels
         nothing = torch.zeros(image.shape[:2])
         return Frame(image=image, depth=nothing, valid_mask=nothing > 0)
 
@@ -79,15 +79,17 @@ def read_frame(inputs: Inputs, settings: Settings) -> Frame:
             f"{inputs.depth}: no valid pixel ({_reasons(measured.missing)}); "
             "--no-measurements gives relative depth from the image alone"
         )
-    if (doubt := implausible_scale(measured)) is not None:
-        say_warning(f"{inputs.depth}: {doubt} (--depth-scale)")
+    for doubt in scale_doubts(measured.depth, measured.valid_mask):
+        say_warning(f"{inputs.depth}: {doubt.text}".replace("`depth_scale`", "--depth-scale"))
 
-    confidence = None if inputs.confidence is None else read_confidence(inputs.confidence)
+    confidence = (
+        None if inputs.confidence is None else read_confidence(inputs.confidence).confidence
+    )
     if confidence is not None and confidence.shape != measured.depth.shape:
         raise SizeMismatchError(
             f"{inputs.confidence} is {_size(confidence)} but {inputs.depth} {_size(measured.depth)}"
         )
-    image = read_image(inputs.image)
+    image = read_image(inputs.image).pixels
     depth, valid_mask = measured.depth, measured.valid_mask
     if settings.registered:
         moved = register_depth(depth, valid_mask, (image.shape[0], image.shape[1]))
@@ -167,7 +169,7 @@ def complete_frame(
         "floored": 0 if completion.floored is None else int(completion.floored.sum()),
         "too_uncertain": int(too_uncertain.sum()),
         **written,
-        "treated_as_missing": None if frame.missing is None else asdict(frame.missing),
+        "treated_as_missing": None if frame.missing is None else dict(frame.missing),
     }
 
 
@@ -231,6 +233,5 @@ def _size(array: Tensor) -> str:
     return f"{width}x{height}"
 
 
-def _reasons(missing: MissingCounts) -> str:
-    counts = asdict(missing)
-    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n)
+def _reasons(missing: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in missing.items() if n)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from steered_marigold.errors import InputError
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import WRITABLE_DEPTH_SUFFIXES
 from steered_marigold.io.files import require_suffix
 
 
@@ -72,7 +72,7 @@ class Settings:
 def require_consistent(inputs: Inputs, outputs: Outputs, settings: Settings) -> None:
     """InputError unless the arguments agree with each other; looks at no file."""
     maps = [path for path in (outputs.depth, outputs.uncertainty) if path is not None]
-    suffixes = [require_suffix(path, DEPTH_SUFFIXES) for path in maps]
+    suffixes = [require_suffix(path, WRITABLE_DEPTH_SUFFIXES) for path in maps]
     if outputs.visualization is not None:
         require_suffix(outputs.visualization, (".png",))
     if outputs.point_cloud is not None:

@@ -9,7 +9,8 @@ from typing import ClassVar
 from steered_marigold.datasets.dataset import check_sizes, files_by_stem
 from steered_marigold.datasets.sample import RgbdSample
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import read_intrinsics
 
@@ -71,7 +72,7 @@ class FrameFolder:
 
     def load(self, frame_id: str) -> RgbdSample:
         image_path, *depth_paths = (files[frame_id] for files in self._files)
-        image = read_image(image_path)
+        image = read_image(image_path).pixels
         depths = [
             read_depth(path, depth_scale=self.depth_scale, max_depth=self.max_depth)
             for path in depth_paths
@@ -88,5 +89,5 @@ class FrameFolder:
             valid_mask=truth.valid_mask,
             sparse_depth=sparse.depth if sparse else None,
             sparse_mask=sparse.valid_mask if sparse else None,
-            K=read_intrinsics(intrinsics) if intrinsics.is_file() else None,
+            K=read_intrinsics(intrinsics).K if intrinsics.is_file() else None,
         )

@@ -45,7 +45,7 @@ class KittiSelection:
         return tuple(sorted(files_by_stem(self.path / "image", (".png",))))
 
     def load(self, frame_id: str) -> RgbdSample:
-        image = read_image(self.path / "image" / f"{frame_id}.png")
+        image = read_image(self.path / "image" / f"{frame_id}.png").pixels
         truth = self._depth("groundtruth_depth", frame_id, image)
         scan = self._depth("velodyne_raw", frame_id, image)
         return RgbdSample(
@@ -55,7 +55,7 @@ class KittiSelection:
             valid_mask=truth.valid_mask,
             sparse_depth=scan.depth,
             sparse_mask=scan.valid_mask,
-            K=read_intrinsics(self.path / "intrinsics" / f"{frame_id}.txt"),
+            K=read_intrinsics(self.path / "intrinsics" / f"{frame_id}.txt").K,
         )
 
     def _depth(

@@ -18,7 +18,8 @@ from steered_marigold.core.geometry import center_crop, crop_intrinsics
 from steered_marigold.core.sparsity import Measurements
 from steered_marigold.datasets.sample import RgbdSample
 from steered_marigold.errors import FileFormatError, InputError
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import read_depth
 
 KINDS = (
     *("paper-uniform", "paper-erased"),

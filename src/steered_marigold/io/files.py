@@ -122,5 +122,10 @@ def load_array(path: AnyPath) -> NDArray[Any]:
         if not isinstance(array, np.ndarray):
             raise FileFormatError(f"{path}: is an archive of arrays; save one array with np.save")
         require_pixel_count(path, array.size, 1)
-        singletons = [axis for axis, size in enumerate(array.shape) if size == 1]
-        return np.array(np.squeeze(array, axis=tuple(singletons[: max(array.ndim - 2, 0)])))
+        return squeezed(array)
+
+
+def squeezed(array: NDArray[Any]) -> NDArray[Any]:
+    """A copy without singleton axes, as long as two axes are left; the first ones go first."""
+    singletons = [axis for axis, size in enumerate(array.shape) if size == 1]
+    return np.array(np.squeeze(array, axis=tuple(singletons[: max(array.ndim - 2, 0)])))
