@@ -87,7 +87,8 @@ SIZED = (480, 640)
         '{"K": [[460.5,0,319.5],[0,461.25,239.5],[0,0,1]]}',
         '{"fl_x":460.5,"fl_y":461.25,"cx":319.5,"cy":239.5,"w":640,"h":480,"frames":[]}',
         "image_width: 640\nimage_height: 480\ncamera_name: c\ncamera_matrix:\n  rows: 3\n"
-        "  cols: 3\n  data: [460.5, 0., 319.5, 0., 461.25, 239.5, 0., 0., 1.]\ndistortion_model: plumb_bob\n"
+        "  cols: 3\n  data: [460.5, 0., 319.5, 0., 461.25, 239.5, 0., 0., 1.]\n"
+        "distortion_model: plumb_bob\n"
         "distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0, 0, 0, 0, 0]\n",
         "header:\n  frame_id: camera\nheight: 480\nwidth: 640\ndistortion_model: plumb_bob\n"
         "d:\n- 0.0\n- 0.0\nk:\n- 460.5\n- 0.0\n- 319.5\n- 0.0\n- 461.25\n- 239.5\n- 0.0\n- 0.0\n"

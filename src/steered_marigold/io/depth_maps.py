@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -166,12 +167,24 @@ def _write_array(path: AnyPath, array: NDArray[Any]) -> None:
     """One channel, in the format that the extension names."""
     suffix = Path(path).suffix.lower()
     with atomic_write(path) as temporary:
+        if suffix == ".exr":
+            _write_exr(temporary, array)
+            return
+        # NumPy and Pillow do not notice every full disk; Python's own files do
+        content = BytesIO()
         if suffix == ".npy":
-            np.save(temporary, array)
-        elif suffix == ".exr":
-            import OpenEXR
-
-            header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-            OpenEXR.File(header, {"Z": array}).write(str(temporary))
+            np.save(content, array)
         else:
-            Image.fromarray(array).save(temporary)
+            Image.fromarray(array).save(content, "PNG" if suffix == ".png" else "TIFF")
+        temporary.write_bytes(content.getbuffer())
+
+
+def _write_exr(path: Path, array: NDArray[Any]) -> None:
+    """One channel, Z. Raises OSError if the system refuses, as the other writers do."""
+    import OpenEXR  # slow to load, and only needed here
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    try:
+        OpenEXR.File(header, {"Z": array}).write(str(path))
+    except RuntimeError as error:  # a full disk, among others
+        raise OSError(str(error).rsplit('"', 1)[-1].strip(" .")) from error
