@@ -188,7 +188,7 @@ def complete(
         depth_scale=depth_scale,
         max_depth=max_depth,
         registered=depth_grid is DepthGrid.REGISTERED,
-        K=None if intrinsics is None else read_intrinsics(intrinsics),
+        K=None if intrinsics is None else read_intrinsics(intrinsics).K,
         no_measurements=no_measurements,
     )
     settings = JobSettings(

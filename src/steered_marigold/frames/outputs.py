@@ -11,8 +11,8 @@ from steered_marigold.errors import InputError
 from steered_marigold.frames.complete import require_uncertainty
 from steered_marigold.frames.sources import FrameFiles
 from steered_marigold.io.depth_maps import (
-    DEPTH_SUFFIXES,
     MILLIMETRE,
+    WRITABLE_DEPTH_SUFFIXES,
     write_depth,
     write_saturating,
 )
@@ -49,7 +49,7 @@ class Outputs:
     def require_possible(self, *, has_K: bool, output_scale: float | None) -> None:
         """InputError for extensions that there are not, or what lacks for an output."""
         maps = [path for path in (self.depth, self.uncertainty) if path is not None]
-        suffixes = [require_suffix(path, DEPTH_SUFFIXES) for path in maps]
+        suffixes = [require_suffix(path, WRITABLE_DEPTH_SUFFIXES) for path in maps]
         if self.visualization is not None:
             require_suffix(self.visualization, (".png",))
         if self.point_cloud is not None:
