@@ -93,11 +93,22 @@ def complete(
             help="Measurements farther than these metres count as missing; the result is not cut."
         ),
     ] = None,
+    depth_encoding: Annotated[
+        str,
+        _read(
+            help="What DEPTH's numbers are: z, ray, disparity, inverse, sunrgbd, tum, kitti, "
+            "carla, rgb24 or tartanair."
+        ),
+    ] = "z",
+    baseline: Annotated[
+        float | None, _read(help="Of disparity: distance of the two cameras [m].")
+    ] = None,
     depth_grid: Annotated[
         DepthGrid, _read(help="registered: DEPTH has a lower resolution and an equal view.")
     ] = DepthGrid.SAME,
     intrinsics: Annotated[
-        str | None, _read(help="K of the image: a text file, or fx,fy,cx,cy in pixels.")
+        str | None,
+        _read(help="K of the image: fx,fy,cx,cy in pixels, or a file (docs/your-data.md)."),
     ] = None,
     confidence: Annotated[
         Path | None,
@@ -109,6 +120,12 @@ def complete(
             help="How closely measurements are met: metres, or per cent of depth as 1%.",
             show_default=_PRESETS,
         ),
+    ] = None,
+    slop: Annotated[
+        float, _read(help="Of folders whose names are time stamps: seconds within a pair.")
+    ] = 0.02,
+    associations: Annotated[
+        Path | None, _read(help="Of folders: a file that lists the pairs, as TUM's.")
     ] = None,
     no_measurements: Annotated[
         bool,
@@ -187,9 +204,13 @@ def complete(
     reading = Reading(
         depth_scale=depth_scale,
         max_depth=max_depth,
+        depth_encoding=depth_encoding,
+        baseline=baseline,
         registered=depth_grid is DepthGrid.REGISTERED,
-        K=None if intrinsics is None else read_intrinsics(intrinsics).K,
+        intrinsics=None if intrinsics is None else read_intrinsics(intrinsics),
         no_measurements=no_measurements,
+        slop=slop,
+        associations=associations,
     )
     settings = JobSettings(
         seed=seed,
@@ -211,14 +232,16 @@ def complete(
         **read_settings("--set", knobs or [], KNOBS),
     }
     suffix = f".{output_format}"
-    (outputs.of_frame("frame", suffix) if many else outputs).require_possible(
-        has_K=reading.K is not None, output_scale=output_scale
+    of_frame = outputs.of_frame if many else outputs.in_folders
+    of_frame(image.stem, suffix).require_possible(
+        has_K=reading.intrinsics is not None, output_scale=output_scale
     )
     show = _print_json if as_json else _print_paths
     if many:
         todo = plan(folder_source(inputs, reading), outputs, suffix=suffix, overwrite=overwrite)
         _complete_folders(todo, settings, model, show)
     else:
+        outputs = outputs.in_folders(image.stem, suffix)
         outputs.require_distinct(inputs)
         for path in outputs.asked().values():
             require_writable(path)
@@ -253,8 +276,10 @@ def _complete_folders(
 
     from steered_marigold.batch.local import complete_all
 
-    for sentence in todo.source.lone:
-        say_error(sentence)
+    if todo.source.rule:
+        say(f"{len(todo.source.files)} frames, paired by {todo.source.rule}")
+    for path in todo.source.lone:
+        say_error(f"{path}: belongs to no pair")
     failed = len(todo.source.lone)
     console = Console(stderr=True)
     with Progress(
