@@ -75,7 +75,8 @@ def fill_holes(depth: DepthMap, mode: Mode) -> DepthMap:
     for y in range(1, len(depth) - 1):
         if not filled[y, 1:].all():
             fill = _farthest if mode == "farthest" else _nearest
-            filled[y] = fill(*filled[y - 1 : y + 2], span)
+            above, row, below = filled[y - 1 : y + 2]
+            filled[y] = fill(above, row, below, span)
     return filled
 
 
