@@ -23,13 +23,6 @@ import torch
 import typer
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from steered_marigold.evaluation.protocol import (
-    PreparedFrame,
-    Protocol,
-    frame_generator,
-    prepare,
-)
-from steered_marigold.methods.protocol import DepthCompleter
 
 from benchmarks.measuring import (
     Force,
@@ -45,19 +38,20 @@ from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.metrics import depth_errors
 from steered_marigold.datasets.dataset import select_frames
 from steered_marigold.datasets.registry import open_dataset
+from steered_marigold.evaluation.protocols import (
+    PreparedFrame,
+    Protocol,
+    frame_generator,
+    prepare,
+)
 from steered_marigold.io.files import atomic_write
-from steered_marigold.methods.hole_filling import HoleFillingFilter, SpatialFilter
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 
 SEED = 0
 OURS = {"default": "default", "fast": "fast"}
 CLASSICAL = (*("nearest", "linear", "ip-basic", "telea", "navier-stokes", "colorization"),)
-FILTERS: tuple[DepthCompleter, ...] = (
-    HoleFillingFilter("left"),
-    HoleFillingFilter("farthest"),
-    HoleFillingFilter("nearest"),
-    SpatialFilter(),
-)
+FILTERS = ("realsense-left", "realsense-farthest", "realsense-nearest", "realsense-spatial")
 
 
 @dataclass(frozen=True)
@@ -80,8 +74,7 @@ Results = dict[str, Result]
 def completers() -> dict[str, DepthCompleter]:
     """Everything that is compared, by the name in tables; ours in the precision users get."""
     methods = {name: create_method(source) for name, source in OURS.items()}
-    methods |= {name: create_method(name) for name in CLASSICAL}
-    return methods | {method.name: method for method in FILTERS}
+    return methods | {name: create_method(name) for name in (*CLASSICAL, *FILTERS)}
 
 
 def compare(
@@ -103,13 +96,7 @@ def compare(
 def complete_all(method: DepthCompleter, frames: Sequence[PreparedFrame]) -> list[DepthCompletion]:
     """The method's answers."""
     return [
-        method.complete(
-            frame.image,
-            frame.measurements.sparse_depth,
-            frame.measurements.valid_mask,
-            frame.K,
-            generator=frame_generator(SEED, frame.frame_id, "method"),
-        )
+        method.answer(frame.shown, generator=frame_generator(SEED, frame.shown.id, "method"))
         for frame in frames
     ]
 
@@ -117,7 +104,7 @@ def complete_all(method: DepthCompleter, frames: Sequence[PreparedFrame]) -> lis
 def mean_errors(method: DepthCompleter, frames: Sequence[PreparedFrame]) -> tuple[float, float]:
     """(abs_rel, rmse_m) in the area that the protocol is about."""
     errors = [
-        depth_errors(answer.depth[0].cpu(), frame.depth, frame.areas[frame.focus])
+        depth_errors(answer.depth[0].cpu(), frame.metric_depth, frame.areas[frame.focus])
         for answer, frame in zip(complete_all(method, frames), frames, strict=True)
     ]
     return mean(error.abs_rel for error in errors), mean(error.rmse_m for error in errors)

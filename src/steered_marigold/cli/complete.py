@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
-from steered_marigold.cli.messages import say, say_error, say_warning
+from steered_marigold.cli.messages import say, say_error, warn_of
 from steered_marigold.cli.options import Dtype, option_panel
+from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
     from steered_marigold.batch.local import JobSettings, Plan
-    from steered_marigold.frames.complete import Record
     from steered_marigold.frames.outputs import Outputs
     from steered_marigold.frames.sources import FrameFiles, Reading
     from steered_marigold.methods.completer import DepthCompleter
@@ -263,41 +263,32 @@ def _complete_one(
     frame = read_frame(inputs, reading)
     completer, load_seconds = _load(model, progress=sys.stderr.isatty())
     record = complete_to_files(completer, frame, inputs, outputs, settings)
-    _warn(inputs.image, record)
+    warn_of(inputs.image, record)
     show(record.to_json() | {"load_seconds": load_seconds})
 
 
 def _complete_folders(
     todo: "Plan", settings: "JobSettings", model: dict[str, Any], show: "Show"
 ) -> None:
-    """Many frames, with a bar on a terminal; exit code 1 if one failed."""
-    from rich.console import Console
-    from rich.progress import Progress
-
+    """Many frames; exit code 1 if one failed."""
     from steered_marigold.batch.local import complete_all
 
     if todo.source.rule:
         say(f"{len(todo.source.files)} frames, paired by {todo.source.rule}")
     for path in todo.source.lone:
         say_error(f"{path}: belongs to no pair")
-    failed = len(todo.source.lone)
-    console = Console(stderr=True)
-    with Progress(
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-        redirect_stdout=sys.stdout.isatty(),  # records in a pipe must not move to the terminal
-    ) as progress:
-        bar = progress.add_task("completing", total=len(todo.frames))
-        completer, load_seconds = _load(model, progress=False) if todo.frames else (None, 0.0)
-        for outcome in complete_all(completer, todo, settings) if completer else ():
+    failed, count = len(todo.source.lone), len(todo.frames)
+    completer, load_seconds = _load(model, progress=False) if todo.frames else (None, 0.0)
+    outcomes = complete_all(completer, todo, settings) if completer else iter(())
+    with progress_bar("completing", count) as bar:
+        for done, outcome in enumerate(outcomes, start=1):
             if outcome.record is None:
                 say_error(f"{outcome.frame}: {outcome.error}")
                 failed += 1
             else:
-                _warn(outcome.frame, outcome.record)
+                warn_of(outcome.frame, outcome.record)
                 show(outcome.record.to_json() | {"load_seconds": load_seconds})
-            progress.advance(bar)
+            bar(done, count, "completing")
     done = len(todo.frames) + len(todo.source.lone) - failed
     say(f"{done} completed, {todo.skipped} skipped, {failed} failed")
     if failed:
@@ -324,11 +315,6 @@ def _load(model: dict[str, Any], *, progress: bool) -> tuple["DepthCompleter", f
 
     completer = SteeredCompleter.from_checkpoint(**model, progress=progress)
     return completer, round(perf_counter() - started, 4)
-
-
-def _warn(frame: object, record: "Record") -> None:
-    for notice in record.notices:
-        say_warning(f"{frame}: {notice.text}")
 
 
 def _print_json(record: dict[str, Any]) -> None:

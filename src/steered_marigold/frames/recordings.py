@@ -1,10 +1,8 @@
 """Frames of recordings: bags of ROS 1, ROS 2 and RealSense cameras."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-
-import torch
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.doubts import scale_doubts
@@ -13,6 +11,7 @@ from steered_marigold.core.notices import Notice
 from steered_marigold.core.registration import register_depth
 from steered_marigold.errors import SteeredMarigoldError
 from steered_marigold.frames.complete import Record, complete_frame
+from steered_marigold.frames.outputs import Outputs, save
 from steered_marigold.io.bags import (
     CopyRecord,
     ExtraMessage,
@@ -22,6 +21,8 @@ from steered_marigold.io.bags import (
     completed_messages,
     copy_with,
 )
+from steered_marigold.io.files import create_folder
+from steered_marigold.io.images import write_image
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
 
@@ -106,6 +107,41 @@ def complete_recording(
 
     copied = copy_with(recording, out_path, extra(), format=format, overwrite=overwrite)
     return copied, tally
+
+
+def save_recording(
+    completer: DepthCompleter,
+    frames: FrameStream,
+    folder: Path,
+    *,
+    max_uncertainty: float | None = None,
+    seed: int = SEED,
+    on_frame: OnFrame = lambda record, tally: None,
+) -> Tally:
+    """Writes the frames as files instead: image/, depth/ and uncertainty/, named by their stamps.
+
+    Raises InputError if the folder cannot be written to.
+    """
+    tally = Tally()
+    for name in ("image", "depth", "uncertainty"):
+        create_folder(folder / name)
+    for recorded in frames:
+        answer = complete_recorded(
+            completer, recorded, tally, seed=seed, max_uncertainty=max_uncertainty
+        )
+        if answer is None:
+            on_frame(None, tally)
+            continue
+        frame, completion, record = answer
+        known = completion.uncertainty is not None
+        outputs = Outputs(
+            depth=folder / "depth" / f"{frame.id}.png",
+            uncertainty=folder / "uncertainty" / f"{frame.id}.png" if known else None,
+        )
+        write_image(folder / "image" / f"{frame.id}.png", frame.image)
+        written, notices = save(completion, frame, outputs)
+        on_frame(record.extended(written, *notices), tally)
+    return tally
 
 
 def complete_recorded(

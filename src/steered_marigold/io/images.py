@@ -13,7 +13,14 @@ from torch import Tensor
 
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.files import AnyPath, decoding, open_picture, require_file
+from steered_marigold.io.files import (
+    AnyPath,
+    atomic_write,
+    decoding,
+    open_picture,
+    require_file,
+    require_suffix,
+)
 from steered_marigold.io.heif import HEIF_SUFFIXES, open_heif
 from steered_marigold.io.netpbm import read_netpbm
 from steered_marigold.io.pixels import open_pixels
@@ -72,6 +79,13 @@ def read_image(path: AnyPath) -> ColorImage:
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[..., None], 3, axis=2)
     return ColorImage(pixels=torch.from_numpy(np.array(pixels[..., :3])), notes=notes)
+
+
+def write_image(path: AnyPath, image: UInt8[Tensor, "height width 3"]) -> None:
+    """Writes RGB in 0..255 as .png; InputError if `path` cannot be written."""
+    require_suffix(path, (".png",))
+    with atomic_write(path) as temporary:
+        Image.fromarray(image.cpu().numpy()).save(temporary)
 
 
 def _netpbm(path: Path) -> tuple[NDArray[Any], int]:
