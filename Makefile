@@ -3,7 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := src tests training benchmarks examples
+SOURCES := src tests rooms training benchmarks examples
 
 .PHONY: demo test check format bench
 

@@ -12,7 +12,7 @@ import typer
 
 from steered_marigold.datasets.dataset import select_frames
 from steered_marigold.datasets.registry import open_dataset
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.report import write_outputs
 from steered_marigold.evaluation.runner import run_evaluation
 from steered_marigold.evaluation.settings import RunSettings
@@ -20,12 +20,12 @@ from steered_marigold.evaluation.settings import RunSettings
 METHODS = (
     "linear",
     "marigold",
-    "steered:paper",
-    "steered:paper@steering_codec=linear",
-    "steered",
-    "steered@steering_strength=0.3",
-    "steered@steering_strength=0.3,steering_codec=exact",
-    "steered:fast",
+    "paper",
+    "paper@steering_codec=linear",
+    "default",
+    "default@steering_strength=0.3",
+    "default@steering_strength=0.3,steering_codec=exact",
+    "fast",
 )
 PROTOCOLS = ("paper-uniform", "paper-erased")
 

@@ -17,7 +17,7 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.finishing import finish
 from steered_marigold.core.interpolation import ScatteredInterpolant
 from steered_marigold.core.steering import normalise_condition, steering_target
-from steered_marigold.diffusion.presets import get_preset
+from steered_marigold.diffusion.settings import get_preset
 
 BFLOAT16 = "bfloat16, channels-last"
 PRESET = "default"
@@ -113,7 +113,7 @@ def _steering_stages(frame: BenchmarkFrame) -> dict[str, Works]:
 
 def _prepare(frame: BenchmarkFrame) -> Any:
     """(anchors, interpolant) of a frame, as in the preset."""
-    settings = get_preset(PRESET)
+    settings = get_preset(PRESET).steering
     assert settings.max_anchors is not None
     anchors = select_anchors(
         thin_measurements(frame.mask, settings.max_anchors),
@@ -134,7 +134,7 @@ def _finish_stage(frame: BenchmarkFrame) -> Works:
     image = frame.unit_image
 
     def ours() -> object:
-        settings = get_preset(PRESET).finishing
+        settings = get_preset(PRESET).finish
         return finish(affine[None], depth, frame.mask, settings, noise=SensorNoise(), image=image)
 
     return {REFERENCE: lambda: reference.fit(map_, metres, mask), f"preset {PRESET}": ours}

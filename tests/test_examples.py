@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from examples import complete_frame
-from steered_marigold.diffusion.presets import PRESETS, Preset
+from steered_marigold.diffusion.settings import PRESETS, Preset
 from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.point_clouds import read_point_cloud
 

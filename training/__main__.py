@@ -1,6 +1,6 @@
 """The recipe of the embedded checkpoint: `python -m training STAGE`, see docs/training.md.
 
-Data comes from `python -m training.rooms --output ROOMS --frames 9000`.
+Data comes from `python -m rooms --output ROOMS --frames 9000`.
 """
 
 import warnings

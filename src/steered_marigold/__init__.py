@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from steered_marigold.diffusion.checkpoints import load_pipeline
     from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
     from steered_marigold.errors import SteeredMarigoldError
-    from steered_marigold.methods.protocol import DepthCompleter
+    from steered_marigold.methods.completer import DepthCompleter
     from steered_marigold.methods.registry import create_method
     from steered_marigold.methods.steered import SteeredCompleter
     from steered_marigold.methods.streaming import StreamingCompleter
@@ -38,7 +38,7 @@ __all__ = [
 
 # imported when first used: `steered-marigold --help` needs no torch
 _HOMES = {
-    "DepthCompleter": "methods.protocol",
+    "DepthCompleter": "methods.completer",
     "DepthCompletion": "core.completion",
     "SensorNoise": "core.consistency",
     "SteeredCompleter": "methods.steered",

@@ -13,7 +13,7 @@ from PIL import Image
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.diffusion.presets import PRESETS
+from steered_marigold.diffusion.settings import PRESETS
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from tests.diffusion.conftest import tiny_steering_vae
 
@@ -276,7 +276,7 @@ def test_takes_pil_images_and_sparse_depth_without_a_mask(
 
 def test_input_that_does_not_fit(pipeline: SteeredMarigoldPipeline) -> None:
     image, depth, mask = frame()
-    with pytest.raises(SizeMismatchError, match="sparse_depth is"):
+    with pytest.raises(SizeMismatchError, match="`sparse_depth` is"):
         pipeline(image, depth[:-1], mask[:-1])
     with pytest.raises(NoMeasurementsError, match="no valid measurement"):
         pipeline(image, depth, torch.zeros_like(mask))
@@ -388,7 +388,7 @@ def test_a_restart_runs_the_last_steps_from_the_previous_latents(
     assert seen == pipeline.scheduler.timesteps.tolist()[2:]
     with pytest.raises(InputError, match="restart"):
         pipeline(image, depth, mask, preset=None, previous_latents=previous, restart=0.0)
-    with pytest.raises(InputError, match=r"previous_latents is \[2, 4, 5, 6\]"):
+    with pytest.raises(InputError, match=r"`previous_latents` is \[2, 4, 5, 6\]"):
         pipeline(image, depth, mask, preset=None, previous_latents=previous.repeat(2, 1, 1, 1))
 
 

@@ -10,9 +10,9 @@ import torch
 from PIL import Image
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 
 FRAMES = ("f0", "f1", "f2", "f3")

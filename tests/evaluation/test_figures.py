@@ -12,11 +12,11 @@ from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.evaluation.calibration_figure import calibration_figure, kept_curves
 from steered_marigold.evaluation.figures import areas_figure, comparison_figure, draw_figures
 from steered_marigold.evaluation.pictures import example_answers, sparse_picture, truth_picture
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.runner import Evaluator, run_evaluation
 from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 Factories = Callable[[Path], Callable[[str], DepthCompleter]]
 

@@ -11,7 +11,7 @@ from steered_marigold.evaluation.predictions import Predictions
 from steered_marigold.evaluation.report import write_outputs
 from steered_marigold.evaluation.runner import Evaluator, run_evaluation
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 
 LABEL = "steered:paper@steering_strength=0.2,condition_alignment=minmax"

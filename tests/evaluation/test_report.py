@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.published import ERASED, UNIFORM, published_rows
 from steered_marigold.evaluation.report import extreme_frames, write_outputs
 from steered_marigold.evaluation.runner import Run, run_evaluation
@@ -15,7 +15,7 @@ from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.evaluation.statistics import PairedDifference
 from steered_marigold.evaluation.summary import METRICS, compare, summarize
 from steered_marigold.evaluation.tables import area_table, comparison_table, to_latex, to_markdown
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 PAPER = Path(__file__).resolve().parents[3] / "shared" / "paper" / "steered_marigold.tex"
 ROW_KEYS = {"method", "protocol", "area", "images", "failed", *METRICS, "seconds_per_image"}

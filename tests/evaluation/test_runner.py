@@ -14,12 +14,12 @@ from steered_marigold.errors import (
     InputError,
     SizeMismatchError,
 )
-from steered_marigold.evaluation.protocol import Protocol, prepare
+from steered_marigold.evaluation.protocols import Protocol, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog
 from steered_marigold.evaluation.runner import Evaluator, Run, run_evaluation
 from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.evaluation.summary import summarize
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 
 Factory = Callable[[str], DepthCompleter]

@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from steered_marigold.evaluation.figures import draw_figures
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.evaluation.steering_figure import record_steering

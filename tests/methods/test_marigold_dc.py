@@ -13,7 +13,7 @@ from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import InputError, NoMeasurementsError
 from steered_marigold.methods.marigold_dc import MarigoldDCCompleter, guided_denoising
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 HEIGHT, WIDTH = 32, 48
 Function = Callable[..., Tensor]

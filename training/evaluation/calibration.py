@@ -9,7 +9,7 @@ from torch import Tensor
 from steered_marigold.core.alignment import fit_scale_shift
 from steered_marigold.core.metrics import depth_errors, uncertainty_errors
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from training.evaluation.subject import Findings, Row, Subject, mean_row
 
 AREA = "608x448"
@@ -57,7 +57,7 @@ def draw(
     pipeline: SteeredMarigoldPipeline, frame: PreparedFrame, steps: int, samples: int
 ) -> Tensor:
     """Unsteered samples [samples, height, width] in [0, 1], of seeds 0, 1, ..."""
-    image = frame.image.permute(2, 0, 1).float() / 255
+    image = frame.shown.image.permute(2, 0, 1).float() / 255
     answer = pipeline(
         image[None].expand(samples, -1, -1, -1),
         preset=None,
@@ -77,19 +77,19 @@ def sample_errors(samples: Tensor, frame: PreparedFrame) -> Row:
     """
     mask = frame.areas[AREA]
     metric, mean = fitted(samples, frame), fitted(samples.mean(dim=0, keepdim=True), frame)[0]
-    singles = [depth_errors(depth, frame.depth, mask).rmse_m for depth in metric]
+    singles = [depth_errors(depth, frame.metric_depth, mask).rmse_m for depth in metric]
     spread = metric.std(dim=0)
     return {
         "single_rmse_m": sum(singles) / len(singles),
-        "mean_rmse_m": depth_errors(mean, frame.depth, mask).rmse_m,
-        "spearman": uncertainty_errors(mean, spread, frame.depth, mask).spearman,
+        "mean_rmse_m": depth_errors(mean, frame.metric_depth, mask).rmse_m,
+        "spearman": uncertainty_errors(mean, spread, frame.metric_depth, mask).spearman,
         "spread_units": float(2 * samples.std(dim=0).mean()),
     }
 
 
 def fitted(affine: Tensor, frame: PreparedFrame) -> Tensor:
     """Affine-invariant maps [n, height, width] to metres, by least squares on the measurements."""
-    depth = frame.measurements.sparse_depth.expand_as(affine)
-    mask = frame.measurements.valid_mask.expand_as(affine)
+    depth = frame.shown.sparse_depth.expand_as(affine)
+    mask = frame.shown.valid_mask.expand_as(affine)
     metric: Tensor = fit_scale_shift(affine, depth, mask).apply(affine)
     return metric

@@ -5,9 +5,9 @@ import torch.nn.functional as F
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from steered_marigold.evaluation.pictures import panels, show, show_depth
 from steered_marigold.io.files import atomic_write
-from steered_marigold.io.visualization import robust_range
+from steered_marigold.pictures.colours import robust_range
+from steered_marigold.pictures.grids import panels, show, show_depth
 from training.evaluation.subject import Findings, Row, Subject, evenly_spaced, mean_row
 
 CROP = 80

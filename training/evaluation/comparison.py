@@ -28,7 +28,7 @@ def steps(subject: Subject) -> Findings:
 
 def steering(subject: Subject) -> Findings:
     """Preset `paper` against the same without steering, in the erased area; and its drift."""
-    base = f"steered:paper@num_inference_steps={subject.steps[-1]}"
+    base = f"paper@num_inference_steps={subject.steps[-1]}"
     unsteered = f"{base},steering_strength=0"
     steered = {f"{base},condition_alignment={kind}": kind for kind in ALIGNMENTS}
     scores = score(subject.run("paper-erased", (unsteered, *steered)), ERASED)

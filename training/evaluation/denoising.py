@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from steered_marigold.evaluation.protocol import frame_generator
+from steered_marigold.evaluation.protocols import frame_generator
 from training.evaluation.subject import SEED, Findings, NativeFrame, Row, Subject, mean_row
 
 # 981 is where the paper's 50 steps begin

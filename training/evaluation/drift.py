@@ -10,9 +10,10 @@ from torch import Tensor
 
 from steered_marigold.core.alignment import fit_scale_shift
 from steered_marigold.core.steering import normalise_condition
-from steered_marigold.diffusion.measurements import move_to_grid
+from steered_marigold.diffusion.grid import Measured
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator
+from steered_marigold.diffusion.settings import PAPER
+from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator
 from steered_marigold.evaluation.steering_figure import SteeringStep, record_steering
 from steered_marigold.io.files import atomic_write
 from steered_marigold.methods.registry import create_method
@@ -72,12 +73,12 @@ def _course(
     alignment: str,
     steps: list[SteeringStep],
 ) -> Course:
-    depth, known = _measured_on_grid(pipeline, frame, steps[0].predicted)
+    depth, known = _measured_on_grid(pipeline, frame)
     condition = normalise_condition(depth, known)
-    low, high = depth_range(frame.depth.numpy())
+    low, high = depth_range(frame.metric_depth.numpy())
     truth = 2 * (depth - low) / (high - low) - 1
     return Course(
-        frame.frame_id,
+        frame.shown.id,
         alignment,
         [step.timestep for step in steps],
         [scale_and_shift(condition, step.predicted[None], known) for step in steps],
@@ -86,20 +87,13 @@ def _course(
 
 
 def _measured_on_grid(
-    pipeline: SteeredMarigoldPipeline, frame: PreparedFrame, grid: Tensor
+    pipeline: SteeredMarigoldPipeline, frame: PreparedFrame
 ) -> tuple[Tensor, Tensor]:
     """Measurements [m] and their mask, [1, h, w], where preset `paper` steers."""
-    resolution = 0 if pipeline.image_encoder is None else pipeline.default_processing_resolution
-    image = frame.image.permute(2, 0, 1).float() / 255
-    _, (below, right), _ = pipeline.image_processor.preprocess(image, resolution, "bilinear")
-    height, width = grid.shape
-    measured = frame.measurements
-    return move_to_grid(
-        measured.sparse_depth[None],
-        measured.valid_mask[None],
-        (height - below, width - right),
-        (height, width),
-    )
+    shown = frame.shown
+    views = pipeline.view(shown.image.permute(2, 0, 1).float() / 255, PAPER.sampling)
+    on_grid = views.on_grid(Measured(shown.sparse_depth[None], shown.valid_mask[None]))
+    return on_grid.sparse_depth, on_grid.valid_mask
 
 
 def scale_and_shift(source: Tensor, target: Tensor, mask: Tensor) -> tuple[float, float]:

@@ -12,26 +12,21 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from steered_marigold.datasets.folder import FrameFolder
-from steered_marigold.evaluation.pictures import (
-    panels,
-    show,
-    show_depth,
-    sparse_picture,
-    truth_picture,
-)
-from steered_marigold.evaluation.protocol import (
+from steered_marigold.evaluation.pictures import sparse_picture, truth_picture
+from steered_marigold.evaluation.protocols import (
     PreparedFrame,
     Protocol,
     frame_generator,
     prepare,
 )
 from steered_marigold.io.files import atomic_write
-from steered_marigold.io.visualization import robust_range
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
+from steered_marigold.pictures.colours import robust_range
+from steered_marigold.pictures.grids import panels, show, show_depth
 from training.evaluation.subject import SEED, Findings, Subject, evenly_spaced
 
-METHODS = {"unsteered": "marigold", "default": "steered:default"}
+METHODS = {"unsteered": "marigold", "default": "default"}
 FRAMES, ROWS = 24, 8
 # metres per unit, by how a frame's name begins; other files have millimetres, or float metres
 DEPTH_SCALES = {"kitti_vis": 1 / 256}
@@ -59,12 +54,8 @@ def read_real_frame(folder: Path, frame_id: str) -> PreparedFrame:
     """A sensor frame with all that it measured, and no truth to score."""
     scales = [scale for name, scale in DEPTH_SCALES.items() if frame_id.startswith(name)]
     sample = FrameFolder(folder, depth_scale=scales[0] if scales else None).load(frame_id)
-    given = replace(
-        sample,
-        sparse_depth=sample.depth,
-        sparse_mask=sample.valid_mask,
-        valid_mask=torch.zeros_like(sample.valid_mask),
-    )
+    nothing = torch.zeros_like(sample.metric_mask)
+    given = replace(sample, frame=sample.truth, metric_mask=nothing)
     return prepare(given, Protocol(kind="given"), seed=SEED)
 
 
@@ -88,7 +79,7 @@ def _sheets(
 
 def elongation(frame: PreparedFrame) -> int:
     """How many times wider than high a frame is, rounded."""
-    height, width = frame.depth.shape
+    height, width = frame.shown.size
     return round(width / height)
 
 
@@ -98,13 +89,13 @@ def _draw(frames: Sequence[PreparedFrame], methods: dict[str, DepthCompleter]) -
     Where there is no truth the scale is that of the default preset's answer.
     """
     columns = 2 + len(methods) + has_truth(frames[0])
-    figure, axes = panels(len(frames), columns, frames[0].depth.shape)
+    figure, axes = panels(len(frames), columns, frames[0].shown.size)
     for row, frame in zip(axes, frames, strict=True):
         answers = {title: _complete(method, frame) for title, method in methods.items()}
         truth = truth_picture(frame) if has_truth(frame) else None
         reference = answers["default"] if truth is None else truth
         scale = robust_range(reference)
-        show(row[0], frame.image.numpy(), frame.frame_id)
+        show(row[0], frame.shown.image.numpy(), frame.shown.id)
         show_depth(row[1], sparse_picture(frame), scale, f"{scale.vmin:.2g} to {scale.vmax:.2g} m")
         for cell, (title, depth) in zip(row[2:], answers.items(), strict=False):
             show_depth(cell, depth, scale, title)
@@ -121,12 +112,7 @@ def has_truth(frame: PreparedFrame) -> bool:
 
 
 def _complete(method: DepthCompleter, frame: PreparedFrame) -> NDArray[np.float32]:
-    measured = frame.measurements
-    answer = method.complete(
-        frame.image,
-        measured.sparse_depth,
-        measured.valid_mask,
-        generator=frame_generator(SEED, frame.frame_id, "method"),
-    )
+    generator = frame_generator(SEED, frame.shown.id, "method")
+    answer = method.answer(frame.shown, generator=generator)
     depth: NDArray[np.float32] = answer.depth[0].numpy()
     return depth

@@ -14,7 +14,7 @@ from torch import Tensor
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
-from steered_marigold.evaluation.protocol import PreparedFrame, Protocol
+from steered_marigold.evaluation.protocols import PreparedFrame, Protocol
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.settings import RunSettings
 from training.data import Frame, depth_range, image_to_model, normalise, read_split, resized
@@ -124,8 +124,8 @@ class Subject:
     def native(self, frame_id: str) -> NativeFrame:
         """A frame at the training size."""
         frame = self.prepared("paper-uniform", frame_id)
-        millimetres = (frame.depth * 1000).round().numpy().astype(np.uint16)
-        small = resized(Frame(frame.image.numpy(), millimetres))
+        millimetres = (frame.metric_depth * 1000).round().numpy().astype(np.uint16)
+        small = resized(Frame(frame.shown.image.numpy(), millimetres))
         metres = small.depth.astype(np.float32) / 1000
         low, high = depth_range(metres)
         image = torch.from_numpy(small.image.transpose(2, 0, 1).copy())[None]

@@ -5,13 +5,19 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steered_marigold.cli import complete, evaluate, figures
-from steered_marigold.cli.messages import say_error
+from steered_marigold.cli import bag, complete, evaluate, figures
+from steered_marigold.cli.messages import name_parameters, say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
 
 class _OneLineErrors(TyperGroup):
     """Errors that the package raises on purpose become one line and an exit code."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            name_parameters(command.params)
+        return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -30,6 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("complete")(complete.complete)
+app.command("bag")(bag.bag)
 app.command("evaluate")(evaluate.evaluate)
 app.command("figures")(figures.figures)
 

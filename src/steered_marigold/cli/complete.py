@@ -1,19 +1,32 @@
-"""steered-marigold complete: a frame's files, or two folders of them, to dense metric depth."""
+"""steered-marigold complete: a frame's files, or folders of them, to dense metric depth."""
 
 import json
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer import Argument, Option
+from typer import Argument
 
-from steered_marigold.cli.messages import say
+from steered_marigold.cli.messages import say, say_error, warn_of
+from steered_marigold.cli.options import Dtype, option_panel
+from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
-_WRITE, _READ, _METHOD = "What to write", "How to read the files", "How to complete"
+if TYPE_CHECKING:
+    from steered_marigold.batch.local import JobSettings, Plan
+    from steered_marigold.frames.outputs import Outputs
+    from steered_marigold.frames.sources import FrameFiles, Reading
+    from steered_marigold.methods.completer import DepthCompleter
+
+Show = Callable[[dict[str, Any]], None]
+
+_write = option_panel("What to write")
+_read = option_panel("How to read the files")
+_method = option_panel("How to complete")
 _PRESETS = "the preset's"
 
 
@@ -22,27 +35,6 @@ class DepthGrid(StrEnum):
 
     SAME = "same"
     REGISTERED = "registered"
-
-
-class Dtype(StrEnum):
-    """What the model computes in; auto: what the device has matrix instructions for."""
-
-    AUTO = "auto"
-    FLOAT32 = "float32"
-    BFLOAT16 = "bfloat16"
-    FLOAT16 = "float16"
-
-
-def _write(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_WRITE, **kwargs)
-
-
-def _read(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_READ, **kwargs)
-
-
-def _method(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_METHOD, **kwargs)
 
 
 def complete(
@@ -101,11 +93,22 @@ def complete(
             help="Measurements farther than these metres count as missing; the result is not cut."
         ),
     ] = None,
+    depth_encoding: Annotated[
+        str,
+        _read(
+            help="What DEPTH's numbers are: z, ray, disparity, inverse, sunrgbd, tum, kitti, "
+            "carla, rgb24 or tartanair."
+        ),
+    ] = "z",
+    baseline: Annotated[
+        float | None, _read(help="Of disparity: distance of the two cameras [m].")
+    ] = None,
     depth_grid: Annotated[
         DepthGrid, _read(help="registered: DEPTH has a lower resolution and an equal view.")
     ] = DepthGrid.SAME,
     intrinsics: Annotated[
-        str | None, _read(help="K of the image: a text file, or fx,fy,cx,cy in pixels.")
+        str | None,
+        _read(help="K of the image: fx,fy,cx,cy in pixels, or a file (docs/your-data.md)."),
     ] = None,
     confidence: Annotated[
         Path | None,
@@ -118,6 +121,12 @@ def complete(
             show_default=_PRESETS,
         ),
     ] = None,
+    slop: Annotated[
+        float, _read(help="Of folders whose names are time stamps: seconds within a pair.")
+    ] = 0.02,
+    associations: Annotated[
+        Path | None, _read(help="Of folders: a file that lists the pairs, as TUM's.")
+    ] = None,
     no_measurements: Annotated[
         bool,
         _read("--no-measurements", help="Where nothing was measured, give relative depth."),
@@ -125,7 +134,9 @@ def complete(
     checkpoint: Annotated[
         str, _method(help="embedded, a folder, or a hub id in Marigold's format.")
     ] = "embedded",
-    preset: Annotated[str, _method(help="default, fast (CPUs, live use) or paper.")] = "default",
+    preset: Annotated[
+        str, _method(help="default, fast (CPUs, live use), paper or paper-minmax.")
+    ] = "default",
     steps: Annotated[
         int | None, _method(min=1, help="Denoising steps.", show_default=_PRESETS)
     ] = None,
@@ -158,31 +169,51 @@ def complete(
         bool,
         _method("--compile", help="Compile the networks: minutes once, faster for many frames."),
     ] = False,
+    knobs: Annotated[
+        list[str] | None,
+        _method("--set", help="Any other knob of docs/api.md, as anchor_fraction=0.1; repeatable."),
+    ] = None,
 ) -> None:
     """Complete the depth of a frame, or of two folders of frames.
 
     Depth is z along the optical axis, in metres. See docs/complete.md for cameras, conventions
     and the JSON record.
     """
-    from steered_marigold.cli.folders import complete_folders, plan_folders
-    from steered_marigold.cli.frames import complete_frame, read_frame
-    from steered_marigold.cli.settings import Inputs, Outputs, Settings, require_consistent
+    from steered_marigold.batch.local import JobSettings, plan
+    from steered_marigold.diffusion.settings import KNOBS
+    from steered_marigold.frames.outputs import Outputs
+    from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
     from steered_marigold.io.files import require_writable
     from steered_marigold.io.intrinsics import read_intrinsics
+    from steered_marigold.methods.settings_text import read_settings
 
-    inputs = Inputs(image=image, depth=depth, confidence=confidence)
+    if depth is None and not no_measurements:
+        raise InputError(
+            "`depth` is missing; for relative depth from the image alone give `no_measurements`"
+        )
+    if depth is None and confidence is not None:
+        raise InputError("`confidence` weighs measurements: give `depth` too")
+    many = image.is_dir()
+    inputs = FrameFiles(image=image, depth=depth, confidence=confidence)
     outputs = Outputs(
-        depth=output or Path("completed" if image.is_dir() else f"{image.stem}_completed.png"),
+        depth=output or Path("completed" if many else f"{image.stem}_completed.png"),
         uncertainty=uncertainty,
         visualization=visualization,
         point_cloud=point_cloud,
     )
-    settings = Settings(
-        seed=seed,
+    reading = Reading(
         depth_scale=depth_scale,
         max_depth=max_depth,
+        depth_encoding=depth_encoding,
+        baseline=baseline,
         registered=depth_grid is DepthGrid.REGISTERED,
-        K=None if intrinsics is None else read_intrinsics(intrinsics),
+        intrinsics=None if intrinsics is None else read_intrinsics(intrinsics),
+        no_measurements=no_measurements,
+        slop=slop,
+        associations=associations,
+    )
+    settings = JobSettings(
+        seed=seed,
         no_measurements=no_measurements,
         max_uncertainty=max_uncertainty,
         output_scale=output_scale,
@@ -198,34 +229,69 @@ def complete(
         "ensemble_size": ensemble,
         "processing_resolution": resolution,
         "sensor_noise": None if sensor_noise is None else _parse_sensor_noise(sensor_noise),
+        **read_settings("--set", knobs or [], KNOBS),
     }
+    suffix = f".{output_format}"
+    of_frame = outputs.of_frame if many else outputs.in_folders
+    of_frame(image.stem, suffix).require_possible(
+        has_K=reading.intrinsics is not None, output_scale=output_scale
+    )
     show = _print_json if as_json else _print_paths
-
-    if not image.is_dir():
-        require_consistent(inputs, outputs, settings)
+    if many:
+        todo = plan(folder_source(inputs, reading), outputs, suffix=suffix, overwrite=overwrite)
+        _complete_folders(todo, settings, model, show)
+    else:
+        outputs = outputs.in_folders(image.stem, suffix)
         outputs.require_distinct(inputs)
         for path in outputs.asked().values():
             require_writable(path)
-        frame = read_frame(inputs, settings)  # bad input is told before the model is loaded
-        completer, load_seconds = _load(model, progress=sys.stderr.isatty())
-        record = complete_frame(completer, frame, inputs, outputs, settings)
-        show(record | {"load_seconds": load_seconds})
-        return
+        _complete_one(inputs, reading, outputs, settings, model, show)
 
-    plan = plan_folders(inputs, outputs, settings, suffix=f".{output_format}", overwrite=overwrite)
-    failures = 0
-    if plan.frames:
-        completer, load_seconds = _load(model, progress=False)
-        failures = complete_folders(
-            completer,
-            plan.frames,
-            settings,
-            report=lambda record: show(record | {"load_seconds": load_seconds}),
-        )
-    done = len(plan.frames) - failures
-    failures += plan.failed
-    say(f"{done} completed, {plan.skipped} skipped, {failures} failed")
-    if failures:
+
+def _complete_one(
+    inputs: "FrameFiles",
+    reading: "Reading",
+    outputs: "Outputs",
+    settings: "JobSettings",
+    model: dict[str, Any],
+    show: "Show",
+) -> None:
+    """One frame; bad input is told before the model is loaded."""
+    from steered_marigold.batch.local import complete_to_files
+    from steered_marigold.frames.sources import read_frame
+
+    frame = read_frame(inputs, reading)
+    completer, load_seconds = _load(model, progress=sys.stderr.isatty())
+    record = complete_to_files(completer, frame, inputs, outputs, settings)
+    warn_of(inputs.image, record)
+    show(record.to_json() | {"load_seconds": load_seconds})
+
+
+def _complete_folders(
+    todo: "Plan", settings: "JobSettings", model: dict[str, Any], show: "Show"
+) -> None:
+    """Many frames; exit code 1 if one failed."""
+    from steered_marigold.batch.local import complete_all
+
+    if todo.source.rule:
+        say(f"{len(todo.source.files)} frames, paired by {todo.source.rule}")
+    for path in todo.source.lone:
+        say_error(f"{path}: belongs to no pair")
+    failed, count = len(todo.source.lone), len(todo.frames)
+    completer, load_seconds = _load(model, progress=False) if todo.frames else (None, 0.0)
+    outcomes = complete_all(completer, todo, settings) if completer else iter(())
+    with progress_bar("completing", count) as bar:
+        for done, outcome in enumerate(outcomes, start=1):
+            if outcome.record is None:
+                say_error(f"{outcome.frame}: {outcome.error}")
+                failed += 1
+            else:
+                warn_of(outcome.frame, outcome.record)
+                show(outcome.record.to_json() | {"load_seconds": load_seconds})
+            bar(done, count, "completing")
+    done = len(todo.frames) + len(todo.source.lone) - failed
+    say(f"{done} completed, {todo.skipped} skipped, {failed} failed")
+    if failed:
         raise typer.Exit(1)
 
 
@@ -236,13 +302,13 @@ def _parse_sensor_noise(text: str) -> Any:
     except ValueError:
         amount = -1.0
     if not 0 <= amount < float("inf"):
-        raise InputError(f"--sensor-noise {text}: give metres, as 0.01, or per cent, as 1%")
+        raise InputError(f"`sensor_noise` {text}: give metres, as 0.01, or per cent, as 1%")
     from steered_marigold.core.consistency import SensorNoise
 
     return SensorNoise(fraction=amount / 100) if text.endswith("%") else SensorNoise(metres=amount)
 
 
-def _load(model: dict[str, Any], *, progress: bool) -> tuple[Any, float]:
+def _load(model: dict[str, Any], *, progress: bool) -> tuple["DepthCompleter", float]:
     """The completer, and the seconds that its import and its weights took."""
     started = perf_counter()
     from steered_marigold.methods.steered import SteeredCompleter

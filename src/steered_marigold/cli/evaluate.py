@@ -6,27 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from steered_marigold.cli.complete import Dtype
 from steered_marigold.cli.messages import say_error, say_warning
+from steered_marigold.cli.options import Dtype, option_panel
+from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
     from steered_marigold.evaluation.runner import Run
     from steered_marigold.evaluation.settings import RunSettings
 
-_DATA, _PROTOCOL, _RUN = "Which frames", "What is measured", "How to run"
-
-
-def _data(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_DATA, **kwargs)
-
-
-def _protocol(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_PROTOCOL, **kwargs)
-
-
-def _run(*names: str, **kwargs: Any) -> Any:
-    return Option(*names, rich_help_panel=_RUN, **kwargs)
+_data = option_panel("Which frames")
+_protocol = option_panel("What is measured")
+_run = option_panel("How to run")
 
 
 def evaluate(
@@ -38,8 +29,8 @@ def evaluate(
     ],
     methods: Annotated[
         str,
-        Option(help="Names with commas; settings after @: steered:paper@steering_strength=0.2."),
-    ] = "linear,nearest,ip-basic,telea,marigold,steered",
+        Option(help="Names with commas; settings after @: paper@steering_strength=0.2."),
+    ] = "linear,nearest,ip-basic,telea,marigold,default",
     split: Annotated[str, _data(help="Of nyuv2: test, train or all.")] = "test",
     ground_truth: Annotated[
         str, _data(help="Of nyuv2: raw (the sensor's) or inpainted (dense).")
@@ -55,8 +46,8 @@ def evaluate(
     protocol: Annotated[
         str,
         _protocol(
-            help="paper-uniform, paper-erased, range, lidar, objects, region, sensor, or given "
-            "(the data set's own sparse depth)."
+            help="paper-uniform, paper-erased, range, half, lidar, objects, shape, region, sensor, "
+            "dense, or given (the data set's own sparse depth)."
         ),
     ] = "paper-erased",
     points: Annotated[
@@ -64,6 +55,9 @@ def evaluate(
     ] = None,
     max_range: Annotated[
         float | None, _protocol(help="Of range: how far the sensor reaches [m].", show_default="3")
+    ] = None,
+    keep: Annotated[
+        str | None, _protocol(help="Of half: near, far, bottom or left.", show_default="near")
     ] = None,
     lines: Annotated[int | None, _protocol(help="Of lidar: scan lines.", show_default="64")] = None,
     masks: Annotated[
@@ -73,6 +67,12 @@ def evaluate(
         float, _protocol(help="Standard deviation of noise, as a fraction of the depth.")
     ] = 0.0,
     outliers: Annotated[float, _protocol(help="Fraction of the measurements that is wrong.")] = 0.0,
+    flying_pixels: Annotated[
+        float, _protocol(help="Fraction of those at depth edges that mix both sides.")
+    ] = 0.0,
+    patches: Annotated[
+        int, _protocol(help="Connected regions of 50 to 2000 px with false depth.")
+    ] = 0,
     official_metrics: Annotated[
         bool,
         _protocol("--official-metrics", help="Count negative depth as right, as the authors do."),
@@ -84,8 +84,8 @@ def evaluate(
     ] = "embedded",
     device: Annotated[str, _run(help="cpu, cuda, mps.")] = "cpu",
     dtype: Annotated[
-        Dtype | None, _run(help="What the networks compute in.", show_default="the method's")
-    ] = None,
+        Dtype, _run(help="What all networks compute in; auto: what the device is fastest in.")
+    ] = Dtype.FLOAT32,
     weights: Annotated[
         str, _run(help="METHOD=FILE with commas, for bpnet and completionformer.")
     ] = "",
@@ -102,7 +102,7 @@ def evaluate(
     """
     from steered_marigold.datasets.dataset import select_frames
     from steered_marigold.datasets.registry import open_dataset
-    from steered_marigold.evaluation.protocol import Protocol
+    from steered_marigold.evaluation.protocols import Protocol
     from steered_marigold.evaluation.report import write_outputs
     from steered_marigold.evaluation.settings import RunSettings
 
@@ -120,12 +120,15 @@ def evaluate(
             kind=protocol,
             points=points,
             max_range=max_range,
+            keep=keep,
             lines=lines,
             masks=masks and masks.resolve(),
             noise=noise,
             outliers=outliers,
+            flying_pixels=flying_pixels,
+            patches=patches,
         ),
-        methods=split_methods(methods),
+        methods=_method_labels(methods),
         frames=select_frames(
             open_dataset(dataset, path, **reading), frames_file=frames, limit=limit
         ),
@@ -133,7 +136,7 @@ def evaluate(
         official_metrics=official_metrics,
         checkpoint=checkpoint,
         device=device,
-        dtype=None if dtype is None else _dtype_name(dtype, device),
+        dtype=dtype.value,
         weights=dict(_method_and_file(item) for item in filter(None, weights.split(","))),
     )
     run = _run_with_progress(
@@ -147,54 +150,44 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def _dtype_name(dtype: Dtype, device: str) -> str:
-    """The precision by its name in torch; `auto` becomes that of the device."""
-    if dtype is not Dtype.AUTO:
-        return dtype.value
-    import torch
-
-    from steered_marigold.diffusion.checkpoints import fastest_dtype
-
-    return str(fastest_dtype(torch.device(device))).removeprefix("torch.")
-
-
-def split_methods(text: str) -> tuple[str, ...]:
+def _method_labels(text: str) -> tuple[str, ...]:
     """Names at commas, but `a@x=1,y=2` is one name. InputError for none or a repeated one."""
+    from steered_marigold.methods.registry import method_label
+
     names: list[str] = []
     for part in filter(None, (part.strip() for part in text.split(","))):
         if "=" in part and "@" not in part and names:
             names[-1] += f",{part}"
         else:
             names.append(part)
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"--methods {text!r} names no method, or one of them twice")
-    return tuple(names)
+    labels = [method_label(name) for name in names]
+    if not labels or len(set(labels)) < len(labels):
+        raise InputError(f"`methods` {text!r} names no method, or one of them twice")
+    for name, label in zip(names, labels, strict=True):
+        if name != label:
+            say_warning(f"{name} is called {label} now; the old name goes with version 0.3")
+    return tuple(labels)
 
 
 def _method_and_file(text: str) -> tuple[str, Path]:
     method, separator, file = text.partition("=")
     if not separator:
-        raise InputError(f"--weights {text!r} must be METHOD=FILE")
+        raise InputError(f"`weights` {text!r} must be METHOD=FILE")
     return method, Path(file).resolve()
 
 
 def _run_with_progress(settings: "RunSettings", folder: Path, **how: Any) -> "Run":
-    """Runs, with a bar and the time left on a terminal; failures are told as they happen.
+    """Runs; failures are told as they happen.
 
     how: workers, overwrite and keep_predictions of `run_evaluation`.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from steered_marigold.evaluation.results import ImageResult
     from steered_marigold.evaluation.runner import run_evaluation
 
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
-        bar = progress.add_task("evaluating", total=None)
+    with progress_bar("evaluating") as bar:
 
         def on_result(result: ImageResult, done: int, total: int) -> None:
-            progress.update(bar, completed=done, total=total, description=result.method)
+            bar(done, total, result.method)
             if result.error:
                 say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
 

@@ -1,11 +1,27 @@
 """What the commands say on stderr, a line each; stdout is for results."""
 
+import re
 import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from steered_marigold.frames.complete import Record
+
+# options that have another name than the argument of the library
+_OPTIONS = {
+    "num_inference_steps": "steps",
+    "ensemble_size": "ensemble",
+    "processing_resolution": "resolution",
+    "K": "intrinsics",
+    "sparse_depth": "depth",
+}
+_FLAGS: dict[str, str] = {}
 
 
 def say(message: object) -> None:
     """How a run went."""
-    print(" ".join(str(message).splitlines()), file=sys.stderr)
+    print(_in_words_of_the_command(" ".join(str(message).splitlines())), file=sys.stderr)
 
 
 def say_error(error: object) -> None:
@@ -16,3 +32,27 @@ def say_error(error: object) -> None:
 def say_warning(warning: object) -> None:
     """What was done, but may not be what was meant."""
     say(f"warning: {warning}")
+
+
+def warn_of(frame: object, record: "Record") -> None:
+    """What a person should know of a frame."""
+    for notice in record.notices:
+        say_warning(f"{frame}: {notice.text}")
+
+
+def _in_words_of_the_command(text: str) -> str:
+    """`max_depth`, an argument of the library in backticks, becomes --max-depth, and so on."""
+
+    def in_words(match: re.Match[str]) -> str:
+        name, value = match["name"], match["value"] or ""
+        flag = _FLAGS.get(_OPTIONS.get(name, name))
+        return match[0].strip("`") if flag is None else " ".join(filter(None, (flag, value)))
+
+    return re.sub(r"`(?P<name>\w+)(?:=(?P<value>[^`]*))?`", in_words, text)
+
+
+def name_parameters(parameters: Iterable[Any]) -> None:
+    """From now on, say of the command's parameters what its user calls them."""
+    for parameter in parameters:
+        longest = max(parameter.opts, key=len)
+        _FLAGS[parameter.name] = longest if longest.startswith("-") else longest.upper()

@@ -25,6 +25,7 @@ class DepthCompletion:
     floored: True where depth was raised to the method's positive minimum.
     exact_codec_steps, linear_codec_steps: steps of steering that went through the VAE, and through
         a linear map in its place.
+    latents: clean depth latents of every member, where they were asked for.
     metric: False only when nothing was measured and the caller asked for an answer all the same.
     """
 
@@ -39,6 +40,7 @@ class DepthCompletion:
     floored: Bool[Tensor, "batch height width"] | None = None
     exact_codec_steps: int = 0
     linear_codec_steps: int = 0
+    latents: Float[Tensor, "members channels h w"] | None = None
     metric: bool = True
 
 

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, InputError, SizeMismatchError
 
 
@@ -24,7 +24,7 @@ class Dataset(Protocol):
     @property
     def frame_ids(self) -> tuple[str, ...]: ...
 
-    def load(self, frame_id: str) -> RgbdSample:
+    def load(self, frame_id: str) -> Sample:
         """One frame. Raises FileFormatError or SizeMismatchError, naming the file."""
         ...
 

@@ -6,10 +6,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
+from steered_marigold.core.frame import make_frame
 from steered_marigold.datasets.dataset import check_sizes, files_by_stem
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import read_intrinsics
 
@@ -69,9 +71,9 @@ class FrameFolder:
     def frame_ids(self) -> tuple[str, ...]:
         return tuple(sorted(self._files[0]))
 
-    def load(self, frame_id: str) -> RgbdSample:
+    def load(self, frame_id: str) -> Sample:
         image_path, *depth_paths = (files[frame_id] for files in self._files)
-        image = read_image(image_path)
+        image = read_image(image_path).pixels
         depths = [
             read_depth(path, depth_scale=self.depth_scale, max_depth=self.max_depth)
             for path in depth_paths
@@ -81,12 +83,12 @@ class FrameFolder:
         truth, sparse = depths[0], depths[1] if len(depths) > 1 else None
         own = image_path.with_name("intrinsics.txt")
         intrinsics = own if own.is_file() else self.path / "K.txt"
-        return RgbdSample(
-            frame_id=frame_id,
-            image=image,
-            depth=truth.depth,
-            valid_mask=truth.valid_mask,
-            sparse_depth=sparse.depth if sparse else None,
-            sparse_mask=sparse.valid_mask if sparse else None,
-            K=read_intrinsics(intrinsics) if intrinsics.is_file() else None,
+        K = read_intrinsics(intrinsics).K if intrinsics.is_file() else None
+        frame = make_frame(
+            image,
+            None if sparse is None else sparse.depth,
+            None if sparse is None else sparse.valid_mask,
+            K=K,
+            id=frame_id,
         )
+        return Sample(frame=frame, metric_depth=truth.depth, metric_mask=truth.valid_mask)

@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from steered_marigold.datasets.dataset import check_sizes
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.core.frame import make_frame
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, MissingExtraError
 from steered_marigold.io.files import decoding, require_file
 
@@ -40,19 +40,13 @@ def sample_from_arrays(
     image: UInt8[np.ndarray, "height width 3"],
     depth: Float[np.ndarray, "depth_height depth_width"],
     K: Float[Tensor, "3 3"],
-) -> RgbdSample:
+) -> Sample:
     """A frame from its arrays; depth that is zero, negative or not finite was not measured.
 
     Raises SizeMismatchError, naming `where`, if they differ in size.
     """
-    depth_m = torch.from_numpy(np.ascontiguousarray(depth, dtype=np.float32))
-    picture = torch.from_numpy(np.ascontiguousarray(image))
-    check_sizes(where, picture, depth_m)
-    valid = torch.isfinite(depth_m) & (depth_m > 0)
-    return RgbdSample(
-        frame_id=frame_id,
-        image=picture,
-        depth=torch.where(valid, depth_m, 0.0),
-        valid_mask=valid,
-        K=K.clone(),
+    truth = make_frame(np.ascontiguousarray(image), depth, K=K, id=frame_id)
+    nothing = torch.zeros_like(truth.valid_mask)
+    return Sample(
+        frame=truth.keep(nothing), metric_depth=truth.sparse_depth, metric_mask=truth.valid_mask
     )

@@ -8,8 +8,9 @@ from typing import ClassVar
 from jaxtyping import UInt8
 from torch import Tensor
 
+from steered_marigold.core.frame import make_frame
 from steered_marigold.datasets.dataset import check_sizes, files_by_stem
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError
 from steered_marigold.io.depth_maps import DepthMap, read_depth
 from steered_marigold.io.images import read_image
@@ -44,19 +45,13 @@ class KittiSelection:
     def frame_ids(self) -> tuple[str, ...]:
         return tuple(sorted(files_by_stem(self.path / "image", (".png",))))
 
-    def load(self, frame_id: str) -> RgbdSample:
-        image = read_image(self.path / "image" / f"{frame_id}.png")
+    def load(self, frame_id: str) -> Sample:
+        image = read_image(self.path / "image" / f"{frame_id}.png").pixels
         truth = self._depth("groundtruth_depth", frame_id, image)
         scan = self._depth("velodyne_raw", frame_id, image)
-        return RgbdSample(
-            frame_id=frame_id,
-            image=image,
-            depth=truth.depth,
-            valid_mask=truth.valid_mask,
-            sparse_depth=scan.depth,
-            sparse_mask=scan.valid_mask,
-            K=read_intrinsics(self.path / "intrinsics" / f"{frame_id}.txt"),
-        )
+        K = read_intrinsics(self.path / "intrinsics" / f"{frame_id}.txt").K
+        frame = make_frame(image, scan.depth, scan.valid_mask, K=K, id=frame_id)
+        return Sample(frame=frame, metric_depth=truth.depth, metric_mask=truth.valid_mask)
 
     def _depth(
         self, folder: str, frame_id: str, image: UInt8[Tensor, "height width 3"]

@@ -13,7 +13,7 @@ from typing import ClassVar
 import torch
 
 from steered_marigold.datasets.hdf5 import open_hdf5, sample_from_arrays
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, InputError
 
 URL = "http://horatio.cs.nyu.edu/mit/silberman/nyu_depth_v2/nyu_depth_v2_labeled.mat"
@@ -21,7 +21,10 @@ GROUND_TRUTHS = {"raw": "rawDepths", "inpainted": "depths"}
 SPLITS = ("test", "train", "all")
 
 _FRAMES = 1449
-# The toolbox's camera_params.m; MATLAB counts pixels from 1
+# The toolbox's camera_params.m. Its depth_plane2depth_world.m and rgb_plane2rgb_world.m take the
+# principal point at pixels counted from 1 (meshgrid(1:W, 1:H)), and project_depth_map.m indexes
+# MATLAB's arrays with what it projects: counted from 0, it is 1 less. BP-Net's data loader and most
+# others in Python leave out the 1, which moves points by depth / 519 sideways.
 _K = torch.tensor(
     [
         [518.85790117450188, 0, 325.58244941119034 - 1],
@@ -84,7 +87,7 @@ class Nyuv2:
     def frame_ids(self) -> tuple[str, ...]:
         return tuple(f"{index:04d}" for index in split_indices(self.split))
 
-    def load(self, frame_id: str) -> RgbdSample:
+    def load(self, frame_id: str) -> Sample:
         depths = GROUND_TRUTHS[self.ground_truth]
         with open_hdf5(self.path, ("images", depths)) as file:
             # MATLAB stores columns first
@@ -118,7 +121,7 @@ class Nyuv2H5:
             sorted(file.relative_to(self.path).with_suffix("").as_posix() for file in found)
         )
 
-    def load(self, frame_id: str) -> RgbdSample:
+    def load(self, frame_id: str) -> Sample:
         path = self.path / f"{frame_id}.h5"
         with open_hdf5(path, ("rgb", "depth")) as file:
             image = file["rgb"][:].transpose(1, 2, 0)

@@ -1,25 +1,27 @@
 """One RGB-D frame with its ground truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 from torch import Tensor
+
+from steered_marigold.core.frame import Frame
 
 
 @dataclass(frozen=True, kw_only=True)
-class RgbdSample:
-    """A frame of a data set.
+class Sample:
+    """A frame of a data set, and what is true of it.
 
-    frame_id: unique within the data set, the order of results, e.g. "0042".
-    image: RGB in 0..255. depth: ground truth [m], read only where valid_mask is True.
-    sparse_depth, sparse_mask: what a sensor measured [m], where the data set comes with it.
-    K: intrinsics [px], if known.
+    frame: as a sensor saw it; its `id` is unique within the data set and gives the order of
+    results, e.g. "0042"; nothing is measured in it if the data set has the truth alone.
+    metric_depth: ground truth [m], read only where metric_mask is True.
     """
 
-    frame_id: str
-    image: UInt8[Tensor, "height width 3"]
-    depth: Float[Tensor, "height width"]
-    valid_mask: Bool[Tensor, "height width"]
-    sparse_depth: Float[Tensor, "height width"] | None = None
-    sparse_mask: Bool[Tensor, "height width"] | None = None
-    K: Float[Tensor, "3 3"] | None = None
+    frame: Frame
+    metric_depth: Float[Tensor, "height width"]
+    metric_mask: Bool[Tensor, "height width"]
+
+    @property
+    def truth(self) -> Frame:
+        """The frame with all of the truth as if it had been measured."""
+        return replace(self.frame, sparse_depth=self.metric_depth, valid_mask=self.metric_mask)

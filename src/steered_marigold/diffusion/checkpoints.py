@@ -2,11 +2,15 @@
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import torch
+from diffusers.utils import logging as diffusers_logging
+from transformers.utils import logging as transformers_logging
 
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import CheckpointError, InputError
@@ -16,35 +20,38 @@ MODELS = ("unet", "vae", "text_encoder")
 COMPONENTS = (*MODELS, "scheduler", "tokenizer")
 # a hub that does not answer must not keep anyone waiting
 HUB_TIMEOUT_S = 10
+DTYPES = ("auto", "float32", "bfloat16", "float16")
 
 
 def load_pipeline(
     checkpoint: str = EMBEDDED,
     *,
     device: str | torch.device | None = None,
-    dtype: torch.dtype | None = torch.float32,
+    dtype: torch.dtype | str = torch.float32,
     compiled: bool = False,
 ) -> SteeredMarigoldPipeline:
     """The pipeline of a checkpoint, on a device (None: CUDA, then MPS, then CPU).
 
     checkpoint: "embedded", a folder in Marigold's layout, or a hub id such as
     "prs-eth/marigold-depth-v1-1". Only safetensors are read, and no code is run from a checkpoint.
-    dtype: None is `fastest_dtype` of the device. compiled: run the U-Net and the decoder through
-    `torch.compile`; the first images of each size then take minutes.
+    dtype: or its name; "auto" is `fastest_dtype` of the device. compiled: run the U-Net and the
+    decoder through `torch.compile`; the first images of each size then take minutes.
 
     Raises CheckpointError if it is missing, incomplete, has pickled weights only, or is no depth
-    checkpoint; InputError for a device that this machine does not have.
+    checkpoint; InputError for a device that this machine does not have, or an unknown dtype.
     """
-    target = _device(device)
+    target = default_device() if device is None else _device(device)
+    precision = parse_dtype(dtype, target)
     folder = _folder(checkpoint)
     _check_folder(folder, checkpoint)
     try:
-        pipeline: SteeredMarigoldPipeline = SteeredMarigoldPipeline.from_pretrained(
-            folder,
-            dtype=dtype or fastest_dtype(target),
-            use_safetensors=True,
-            local_files_only=True,
-        )
+        with _quietly():
+            pipeline: SteeredMarigoldPipeline = SteeredMarigoldPipeline.from_pretrained(
+                folder,
+                dtype=precision,
+                use_safetensors=True,
+                local_files_only=True,
+            )
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise CheckpointError(f"checkpoint {checkpoint} cannot be loaded: {error}") from error
     pipeline.to(target)
@@ -54,6 +61,23 @@ def load_pipeline(
         pipeline.unet.compile()
         pipeline.vae.decoder.compile()
     return pipeline
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without the libraries' progress bars: stderr is the caller's."""
+    shown = [
+        library
+        for library in (diffusers_logging, transformers_logging)
+        if library.is_progress_bar_enabled()
+    ]
+    for library in shown:
+        library.disable_progress_bar()
+    try:
+        yield
+    finally:
+        for library in shown:
+            library.enable_progress_bar()
 
 
 def fastest_dtype(device: torch.device) -> torch.dtype:
@@ -67,16 +91,28 @@ def fastest_dtype(device: torch.device) -> torch.dtype:
     return torch.float32
 
 
-def _device(device: str | torch.device | None) -> torch.device:
-    if device is None:
-        if torch.cuda.is_available():
-            return torch.device("cuda")
-        return torch.device("mps" if torch.backends.mps.is_available() else "cpu")
+def parse_dtype(dtype: torch.dtype | str, device: torch.device) -> torch.dtype:
+    """A precision by its name; InputError for others than `DTYPES`."""
+    if isinstance(dtype, torch.dtype):
+        return dtype
+    if dtype not in DTYPES:
+        raise InputError(f"`dtype` is {dtype!r}: choose one of {', '.join(DTYPES)}")
+    return fastest_dtype(device) if dtype == "auto" else getattr(torch, dtype)
+
+
+def default_device() -> torch.device:
+    """The best there is: CUDA, then MPS, then CPU."""
+    if torch.cuda.is_available():
+        return torch.device("cuda")
+    return torch.device("mps" if torch.backends.mps.is_available() else "cpu")
+
+
+def _device(device: str | torch.device) -> torch.device:
     try:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
-        raise InputError(f"device {device!s} cannot be used: {reason}") from error
+        raise InputError(f"`device` {device!s} cannot be used: {reason}") from error
     return torch.device(device)
 
 
@@ -105,7 +141,7 @@ def _folder(checkpoint: str) -> Path:
         raise CheckpointError(
             f"checkpoint {checkpoint} is not on this machine and could not be downloaded "
             f"({type(error).__name__}: {reason[0] if reason else 'no answer'}); "
-            f"check the name and the network, or use --checkpoint {EMBEDDED}"
+            f"check the name and the network, or use `checkpoint={EMBEDDED}`"
         ) from error
 
 

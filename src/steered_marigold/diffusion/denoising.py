@@ -9,29 +9,21 @@
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from steered_marigold.core.steering import Steering, steering_update
 from steered_marigold.diffusion.codec import DepthCodec
+from steered_marigold.diffusion.continuation import Told
 from steered_marigold.diffusion.linear_codec import LinearCodec
 from steered_marigold.diffusion.randomness import Generators
 from steered_marigold.errors import InputError
 
 # (step, timestep, {"latents", "predicted_x0", "steering_target"}) -> the latents to go on with
 StepEnd = Callable[[int, Tensor, dict[str, Tensor | None]], Tensor]
-
-
-@dataclass(frozen=True)
-class Told:
-    """Clean depth latents where `known`."""
-
-    latents: Float[Tensor, "batch channels h w"]
-    known: Bool[Tensor, "batch 1 h w"]
 
 
 def denoise(
@@ -79,9 +71,31 @@ def last_timesteps(scheduler: Any, share: float) -> Int[Tensor, " steps"]:
     The scheduler has its timesteps set. Raises InputError for a share not in (0, 1].
     """
     if not 0 < share <= 1:
-        raise InputError(f"restart is {share}: it is a share of the steps, above 0 and up to 1")
+        raise InputError(f"`restart` is {share}: it is a share of the steps, above 0 and up to 1")
     timesteps: Tensor = scheduler.timesteps
     first = len(timesteps) - max(1, round(share * len(timesteps)))
     if hasattr(scheduler, "set_begin_index"):
         scheduler.set_begin_index(first)
     return timesteps[first:]
+
+
+def require_clean_estimate(scheduler: Any) -> None:
+    """InputError for a scheduler whose steps do not state x0~, or whose latents are scaled."""
+    if not _states_clean_estimate(type(scheduler)):
+        raise InputError(
+            f"the scheduler {type(scheduler).__name__} states no estimate of the clean sample in "
+            "each step; use DDIMScheduler, DDPMScheduler or LCMScheduler"
+        )
+
+
+def _states_clean_estimate(kind: type[Any]) -> bool:
+    """Found out by one step on nothing; the names are those that `denoise` reads."""
+    scheduler, nothing = kind(), torch.zeros(1, 1, 1, 1)
+    if getattr(scheduler, "init_noise_sigma", None) != 1.0:
+        return False
+    scheduler.set_timesteps(2)
+    try:
+        out = scheduler.step(nothing, scheduler.timesteps[0], nothing)
+    except (RuntimeError, TypeError, ValueError):  # asks for more than `denoise` gives
+        return False
+    return "denoised" in out or "pred_original_sample" in out

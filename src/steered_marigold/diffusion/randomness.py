@@ -1,8 +1,18 @@
 """Generators for the members of an ensemble and for anchors, from those of the caller."""
 
 import torch
+from diffusers.utils.torch_utils import randn_tensor
+from torch import Tensor
 
 Generators = torch.Generator | list[torch.Generator] | None
+
+
+def draw_noise(
+    shape: tuple[int, ...], generator: Generators, *, device: torch.device, dtype: torch.dtype
+) -> Tensor:
+    """Standard normal noise, drawn as diffusers draws it; one generator for each of the batch."""
+    noise: Tensor = randn_tensor(shape, generator, device=device, dtype=dtype)
+    return noise
 
 
 def generators_of_members(generator: Generators, images: int, members: int) -> Generators:

@@ -14,20 +14,18 @@ from steered_marigold.evaluation.calibration_figure import calibration_figure, k
 from steered_marigold.evaluation.pictures import (
     Answers,
     example_answers,
-    panels,
-    show,
-    show_depth,
     sparse_picture,
     truth_picture,
 )
 from steered_marigold.evaluation.predictions import Predictions
-from steered_marigold.evaluation.protocol import PAPER_AREAS, PreparedFrame, frame_generator
+from steered_marigold.evaluation.protocols import PAPER_AREAS, PreparedFrame, frame_generator
 from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
 from steered_marigold.io.files import atomic_write
-from steered_marigold.io.visualization import robust_range
+from steered_marigold.pictures.colours import robust_range
+from steered_marigold.pictures.grids import panels, show, show_depth
 
 PAPER_TITLES = {"paper-uniform": "all samples", "paper-erased": "centre erased"}
 
@@ -90,8 +88,8 @@ def completion_figure(frame: PreparedFrame, answers: Answers) -> Figure:
     """Image, input, and the completion of the reference method."""
     scale = robust_range(truth_picture(frame))
     label = reference_method(answers)
-    figure, axes = panels(1, 3, frame.depth.shape)
-    show(axes[0, 0], frame.image.numpy(), "image")
+    figure, axes = panels(1, 3, frame.metric_depth.shape)
+    show(axes[0, 0], frame.shown.image.numpy(), "image")
     show_depth(axes[0, 1], sparse_picture(frame), scale, "input")
     drawn = show_depth(axes[0, 2], answers[label].numpy(), scale, label)
     figure.colorbar(drawn, ax=axes.ravel().tolist(), label="depth [m]")
@@ -103,7 +101,7 @@ def comparison_figure(shown: dict[str, tuple[PreparedFrame, Answers]]) -> Figure
     first, _ = next(iter(shown.values()))
     scale = robust_range(truth_picture(first))
     labels = list(dict.fromkeys(label for _, answers in shown.values() for label in answers))
-    figure, axes = panels(len(shown), 1 + len(labels), first.depth.shape)
+    figure, axes = panels(len(shown), 1 + len(labels), first.metric_depth.shape)
     for row, (title, (frame, answers)) in zip(axes, shown.items(), strict=True):
         drawn = show_depth(row[0], sparse_picture(frame), scale, title or "input")
         for column, label in zip(row[1:], labels, strict=True):
@@ -116,9 +114,9 @@ def comparison_figure(shown: dict[str, tuple[PreparedFrame, Answers]]) -> Figure
 
 def areas_figure(frame: PreparedFrame) -> Figure:
     """The three evaluation areas of the paper on the image."""
-    figure, axes = panels(1, 1, frame.depth.shape)
-    show(axes[0, 0], frame.image.numpy(), "evaluation areas")
-    size = (frame.depth.shape[0], frame.depth.shape[1])
+    figure, axes = panels(1, 1, frame.metric_depth.shape)
+    show(axes[0, 0], frame.shown.image.numpy(), "evaluation areas")
+    size = (frame.metric_depth.shape[0], frame.metric_depth.shape[1])
     for (name, area), colour in zip(PAPER_AREAS.items(), ("white", "yellow", "red"), strict=True):
         rows, columns = center_crop(size, area)
         axes[0, 0].add_patch(
@@ -135,15 +133,13 @@ def _steering_figure(
 ) -> Figure | None:
     """For the first method that steers; None if there is none."""
     for label in labels:
-        if label.startswith("steered"):
+        completer: Any = evaluator.method(label)
+        if completer.steers:
             # brings diffusers along, which the other figures do not need
             from steered_marigold.evaluation.steering_figure import record_steering, steering_figure
 
-            completer: Any = evaluator.method(label)
-            generator = frame_generator(evaluator.settings.seed, frame.frame_id, "method")
-            steps = record_steering(completer, frame, generator=generator)
-            if steps:
-                return steering_figure(frame, steps)
+            generator = frame_generator(evaluator.settings.seed, frame.shown.id, "method")
+            return steering_figure(frame, record_steering(completer, frame, generator=generator))
     return None
 
 

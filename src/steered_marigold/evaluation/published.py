@@ -1,7 +1,10 @@
-"""The rows of the paper's Tables I and II, as printed.
+"""The rows of the paper's Tables I and II and of Prior-Depth-Anything, as printed.
 
 Gregorek and Nalpantidis, SteeredMarigold. NYUv2, 654 test frames, raw depth, 608x448. Samples are
 as printed: 13620 stands for 5 %.
+
+Wang et al., Prior-Depth-Anything (v1.1, REL alone): NYUv2, depth missing beyond 3 m, in a square,
+or in segmented objects, for which our `objects` has ellipses.
 """
 
 from dataclasses import dataclass
@@ -11,15 +14,20 @@ from steered_marigold.evaluation.settings import RunSettings
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """method and area as printed; points: samples given, before any are erased."""
+    """method and area as printed; points: samples given, before any are erased, if printed."""
 
     method: str
-    points: int
+    points: int | None
     area: str
     abs_rel: float
-    delta1: float
-    rmse_m: float
-    mae_m: float
+    delta1: float | None = None
+    rmse_m: float | None = None
+    mae_m: float | None = None
+
+    @property
+    def title(self) -> str:
+        """The method, and the samples it was given."""
+        return self.method if self.points is None else f"{self.method}, {self.points} samples"
 
 
 UNIFORM = (
@@ -63,10 +71,27 @@ ERASED = (
     PublishedRow("SteeredMarigold 0.1", 13620, "358x198", 0.0573, 0.9646, 0.2850, 0.1743),
 )
 
+MISSING_AREAS = {
+    "range": (
+        PublishedRow("Prior-Depth-Anything", None, "hidden", 0.190),
+        PublishedRow("Marigold-DC", None, "hidden", 0.198),
+        PublishedRow("Depth Pro, of the image alone", None, "hidden", 0.109),
+    ),
+    "shape": (
+        PublishedRow("Prior-Depth-Anything", None, "hidden", 0.0197),
+        PublishedRow("Marigold-DC", None, "hidden", 0.0237),
+    ),
+    "objects": (
+        PublishedRow("Prior-Depth-Anything", None, "hidden", 0.0514),
+        PublishedRow("Marigold-DC", None, "hidden", 0.0618),
+    ),
+}
+TABLES = {"paper-uniform": UNIFORM, "paper-erased": ERASED, **MISSING_AREAS}
+
 
 def published_rows(settings: RunSettings, area: str) -> tuple[PublishedRow, ...]:
-    """The paper's rows that a run compares with: its data, truth and protocols."""
+    """The published rows that a run compares with: their data, truth and protocols."""
     if (settings.dataset, settings.split, settings.ground_truth) != ("nyuv2", "test", "raw"):
         return ()
-    table = {"paper-uniform": UNIFORM, "paper-erased": ERASED}.get(settings.protocol.kind, ())
+    table = TABLES.get(settings.protocol.kind, ())
     return tuple(row for row in table if row.area == area)

@@ -138,8 +138,6 @@ def _remarks(run: Run) -> list[str]:
         )
     if run.settings.official_metrics:
         remarks.append("δ1 as in the authors' script: a negative prediction counts as an inlier.")
-    named = {label: run.settings.method_name(label) for label in run.results}
-    remarks += [f"{label} is {name}." for label, name in named.items() if label != name]
     return remarks
 
 

@@ -6,6 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.metrics import (
     depth_errors,
@@ -14,7 +18,7 @@ from steered_marigold.core.metrics import (
     uncertainty_errors,
 )
 from steered_marigold.errors import FileFormatError, InputError
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.evaluation.protocols import PreparedFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +28,10 @@ class ImageResult:
     areas: by area, `valid_pixels`, the fields of DepthErrors and, if the method states its
         uncertainty, those of UncertaintyErrors. Areas without pixels are left out.
     seconds: time of `complete` alone. trusted_fraction: share of the measurements that the method
-        believed. max_deviation_m: largest change of a believed measurement [m]; None if none was.
+        believed. wrong_left_out, right_left_out: shares of the measurements that a spoiler made
+        wrong, and of the others, that were not believed; None of none. floored_fraction: share of
+        the pixels that were raised to the method's minimum.
+    max_deviation_m: largest change of a believed measurement [m]; None if none was.
     seam_step: see `core.metrics.seam_step`; None without a border. curves: the fields of
         UncertaintyCurves in the protocol's focus area, if the method states its uncertainty.
     error: why there is no answer; all else is then empty.
@@ -35,6 +42,9 @@ class ImageResult:
     areas: Mapping[str, Mapping[str, int | float]]
     seconds: float | None = None
     trusted_fraction: float | None = None
+    wrong_left_out: float | None = None
+    right_left_out: float | None = None
+    floored_fraction: float | None = None
     max_deviation_m: float | None = None
     seam_step: float | None = None
     curves: Mapping[str, Sequence[float]] | None = None
@@ -60,24 +70,34 @@ def score(
     for name, mask in frame.areas.items():
         if not mask.any():
             continue
-        errors = asdict(depth_errors(depth, frame.depth, mask, official=official))
+        errors = asdict(depth_errors(depth, frame.metric_depth, mask, official=official))
         if completion.uncertainty is not None:
             sigma = completion.uncertainty[0].cpu()
-            errors |= asdict(uncertainty_errors(depth, sigma, frame.depth, mask))
+            errors |= asdict(uncertainty_errors(depth, sigma, frame.metric_depth, mask))
         areas[name] = {"valid_pixels": int(mask.sum()), **errors}
     whole, known = next(iter(frame.areas.values())), frame.known_area
     measured, trusted = completion.measured[0].cpu(), completion.trusted[0].cpu()
-    deviation = (depth - frame.measurements.sparse_depth)[trusted & measured].abs()
+    wrong = torch.zeros_like(measured) if frame.wrong is None else frame.wrong
+    floored = completion.floored
+    deviation = (depth - frame.shown.sparse_depth)[trusted & measured].abs()
     return ImageResult(
         method=method,
-        frame_id=frame.frame_id,
+        frame_id=frame.shown.id,
         areas=areas,
         seconds=seconds,
         trusted_fraction=int((trusted & measured).sum()) / max(int(measured.sum()), 1),
+        wrong_left_out=_share(~trusted, measured & wrong),
+        right_left_out=_share(~trusted, measured & ~wrong),
+        floored_fraction=None if floored is None else float(floored.float().mean()),
         max_deviation_m=float(deviation.max()) if deviation.numel() else None,
-        seam_step=None if known is None else seam_step(depth, frame.depth, whole, known),
+        seam_step=None if known is None else seam_step(depth, frame.metric_depth, whole, known),
         curves=_curves(completion, frame),
     )
+
+
+def _share(part: Bool[Tensor, "height width"], whole: Bool[Tensor, "height width"]) -> float | None:
+    """How much of the whole is in the part; None if the whole is empty."""
+    return float((part & whole).sum() / whole.sum()) if bool(whole.any()) else None
 
 
 def _curves(
@@ -88,7 +108,7 @@ def _curves(
     if completion.uncertainty is None or not mask.any():
         return None
     depth, sigma = completion.depth[0].cpu(), completion.uncertainty[0].cpu()
-    return asdict(uncertainty_curves(depth, sigma, frame.depth, mask))
+    return asdict(uncertainty_curves(depth, sigma, frame.metric_depth, mask))
 
 
 class ResultLog:

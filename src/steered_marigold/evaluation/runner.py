@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -19,10 +20,10 @@ from torch import Tensor
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 from steered_marigold.evaluation.predictions import Predictions
-from steered_marigold.evaluation.protocol import PreparedFrame, frame_generator, prepare
+from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator, prepare
 from steered_marigold.evaluation.results import ImageResult, ResultLog, score
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 _MAY_CHANGE = ("methods", "frames")
 
@@ -34,11 +35,13 @@ OnResult = Callable[[ImageResult, int, int], None]
 class Run:
     """A finished run: results of all methods that could run, by method, in order of frame id.
 
-    left_out: why a method could not run, by method.
+    described: what each method ran as, see `DepthCompleter.describe`. left_out: why a method could
+    not run, by method.
     """
 
     settings: RunSettings
     results: dict[str, list[ImageResult]]
+    described: dict[str, dict[str, Any]]
     left_out: dict[str, str]
     workers: int
     threads_per_worker: int
@@ -77,24 +80,19 @@ class Evaluator:
         """The method of a row of the tables; the one before it is let go of."""
         if self._method is None or self._method[0] != label:
             self._method = None  # two checkpoints may not fit into memory
-            self._method = label, self._create(self.settings.method_name(label))
+            self._method = label, self._create(label)
         return self._method[1]
 
     def complete(self, label: str, frame: PreparedFrame) -> DepthCompletion:
         """The method's answer; all methods draw from the same random numbers of the frame."""
-        return self.method(label).complete(
-            frame.image,
-            frame.measurements.sparse_depth,
-            frame.measurements.valid_mask,
-            frame.K,
-            generator=frame_generator(self.settings.seed, frame.frame_id, "method"),
-        )
+        generator = frame_generator(self.settings.seed, frame.shown.id, "method")
+        return self.method(label).answer(frame.shown, generator=generator)
 
     def depth(self, label: str, frame: PreparedFrame) -> Float[Tensor, "height width"]:
         """The method's depth [m]: the kept one, or that of a new completion."""
         kept = None
         if self.predictions is not None:
-            kept = self.predictions.read(label, frame.frame_id)
+            kept = self.predictions.read(label, frame.shown.id)
         return self.complete(label, frame).depth[0].cpu() if kept is None else kept
 
     def evaluate(self, label: str, frame_id: str) -> ImageResult:
@@ -140,7 +138,7 @@ def run_evaluation(
     """
     predictions = Predictions(settings, folder) if keep_predictions else None
     evaluator = Evaluator(settings, create, predictions)
-    left_out = _missing_methods(evaluator)
+    described, left_out = _try_methods(evaluator)
     for label, reason in left_out.items():
         warn(f"{label} is left out: {reason}")
     labels = [label for label in settings.methods if label not in left_out]
@@ -163,21 +161,22 @@ def run_evaluation(
     return Run(
         settings=settings,
         results={label: [results[label, frame] for frame in settings.frames] for label in labels},
+        described=described,
         left_out=left_out,
         workers=workers,
         threads_per_worker=threads,
     )
 
 
-def _missing_methods(evaluator: Evaluator) -> dict[str, str]:
-    """Methods whose weights lack, and why; wrong names are told before any work."""
-    missing = {}
+def _try_methods(evaluator: Evaluator) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """What each method runs as, and why others cannot; wrong names are told before any work."""
+    described, missing = {}, {}
     for label in reversed(evaluator.settings.methods):  # the first one is then ready
         try:
-            evaluator.method(label)
+            described[label] = evaluator.method(label).describe()
         except CheckpointError as error:
             missing[label] = str(error)
-    return missing
+    return described, missing
 
 
 def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> ResultLog:

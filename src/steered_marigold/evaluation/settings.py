@@ -9,9 +9,9 @@ from typing import Any
 
 from steered_marigold.datasets.dataset import Dataset
 from steered_marigold.datasets.registry import open_dataset
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.io.files import atomic_write, decoding, require_file
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 MethodFactory = Callable[[str], DepthCompleter]
 
@@ -23,7 +23,7 @@ class RunSettings:
     dataset, path, split, ground_truth, depth_scale, max_depth: see `open_dataset`.
     methods: names for `create_method`, in the order of the tables. frames: frame ids, sorted.
     official_metrics: the authors' delta, see `depth_errors`.
-    checkpoint, device, dtype, weights: see `create_method`; dtype by its name.
+    checkpoint, device, dtype, weights: see `create_method`; dtype by its name, of all methods.
     """
 
     dataset: str
@@ -39,7 +39,7 @@ class RunSettings:
     official_metrics: bool = False
     checkpoint: str = "embedded"
     device: str = "cpu"
-    dtype: str | None = None
+    dtype: str = "float32"
     weights: Mapping[str, Path] = field(default_factory=dict)
 
     def open_dataset(self) -> Dataset:
@@ -55,30 +55,15 @@ class RunSettings:
 
     def method_factory(self) -> MethodFactory:
         """Creates the methods by name."""
-        import torch
-
         from steered_marigold.methods.registry import create_method
 
         return partial(
             create_method,
             checkpoint=self.checkpoint,
             device=self.device,
-            dtype=getattr(torch, self.dtype) if self.dtype else None,
+            dtype=self.dtype,
             weights=self.weights,
         )
-
-    def method_name(self, label: str) -> str:
-        """What to create for a row of the tables.
-
-        Like the authors, preset `paper` aligns the condition by its minimum and maximum alone
-        under paper-uniform, and by least squares under paper-erased.
-        """
-        base, _, given = label.partition("@")
-        if base != "steered:paper" or self.protocol.kind != "paper-uniform":
-            return label
-        if "condition_alignment=" in given:
-            return label
-        return f"{base}@{','.join(filter(None, (given, 'condition_alignment=minmax')))}"
 
     def to_json(self) -> dict[str, Any]:
         """As values that JSON holds."""

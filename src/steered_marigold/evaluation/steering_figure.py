@@ -1,9 +1,7 @@
 """The direction of steering in an early and a late step (the paper's Fig. 4)."""
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,16 +10,11 @@ from matplotlib.figure import Figure
 from torch import Generator, Tensor
 
 from steered_marigold.diffusion.codec import DepthCodec
-from steered_marigold.evaluation.pictures import (
-    panels,
-    show,
-    show_depth,
-    sparse_picture,
-    truth_picture,
-)
-from steered_marigold.evaluation.protocol import PreparedFrame
-from steered_marigold.io.visualization import robust_range
+from steered_marigold.evaluation.pictures import sparse_picture, truth_picture
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.methods.steered import SteeredCompleter
+from steered_marigold.pictures.colours import robust_range
+from steered_marigold.pictures.grids import panels, show, show_depth
 
 
 @dataclass(frozen=True)
@@ -52,15 +45,11 @@ def record_steering(
             steps.append(SteeringStep(int(timestep), *maps))
         return {}
 
-    recorder: Any = copy(completer)  # the same completer, with a pipeline that reports its steps
-    recorder.pipeline = partial(
-        completer.pipeline,
+    completer.run(
+        frame.shown,
+        generator,
         callback_on_step_end=on_step_end,
         callback_on_step_end_tensor_inputs=("predicted_x0", "steering_target"),
-    )
-    measured = frame.measurements
-    recorder.complete(
-        frame.image, measured.sparse_depth, measured.valid_mask, frame.K, generator=generator
     )
     return steps
 
@@ -71,7 +60,7 @@ def steering_figure(frame: PreparedFrame, steps: Sequence[SteeringStep]) -> Figu
     The two steps drawn are the first and the last. Strength is not taken into account.
     """
     truth = truth_picture(frame)
-    figure, axes = panels(2, 4, frame.depth.shape)
+    figure, axes = panels(2, 4, frame.metric_depth.shape)
     show_depth(axes[0, 0], truth, robust_range(truth), "truth")
     show_depth(axes[1, 0], sparse_picture(frame), robust_range(truth), "samples")
     shown = (steps[0], steps[-1])

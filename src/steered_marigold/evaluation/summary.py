@@ -26,13 +26,16 @@ from steered_marigold.io.files import atomic_write
 METRICS = ("abs_rel", "delta1", "rmse_m", "mae_m")
 """The paper's columns, in its order."""
 UNCERTAINTY_METRICS = tuple(field.name for field in fields(UncertaintyErrors))
+TRUST_METRICS = ("wrong_left_out", "right_left_out", "floored_fraction")
+"""What became of the measurements, and how much of the answer is a bound."""
 KITTI_METRICS = ("irmse_per_km", "imae_per_km")
 """With rmse_mm and mae_mm, the columns of KITTI's own table."""
 
 _IMAGE_COLUMNS = (
     *("frame", "method", "area"),
     *(*METRICS, "delta2", "delta3", "valid_pixels", "seconds"),
-    *(*UNCERTAINTY_METRICS, "trusted_fraction", "max_deviation_m", "seam_step", *KITTI_METRICS),
+    *(*UNCERTAINTY_METRICS, "trusted_fraction", *TRUST_METRICS),
+    *("max_deviation_m", "seam_step", *KITTI_METRICS),
 )
 _COMPARISON_COLUMNS = (
     *("method", "reference", "area", "metric"),
@@ -65,9 +68,9 @@ def image_values(run: Run, method: str, area: str, key: str) -> dict[str, float]
 
 
 def reference_method(methods: Iterable[str]) -> str:
-    """What the others are compared with: `steered`, or the first method."""
+    """What the others are compared with: `default`, or the first method."""
     methods = tuple(methods)
-    return "steered" if "steered" in methods else methods[0]
+    return "default" if "default" in methods else methods[0]
 
 
 def compare(run: Run, *, area: str) -> Comparison:
@@ -125,7 +128,7 @@ def write_comparisons(run: Run, compared: Mapping[str, Comparison], folder: Path
 
 def _row(run: Run, method: str, area: str) -> dict[str, Any]:
     results = run.results[method]
-    optional = [*UNCERTAINTY_METRICS, "trusted_fraction", "seam_step"]
+    optional = [*UNCERTAINTY_METRICS, "trusted_fraction", *TRUST_METRICS, "seam_step"]
     if run.settings.dataset == "kitti":
         optional += KITTI_METRICS
     values = {
@@ -136,6 +139,7 @@ def _row(run: Run, method: str, area: str) -> dict[str, Any]:
     seconds = [result.seconds for result in results if result.seconds is not None]
     row: dict[str, Any] = {
         "method": method,
+        "runs_as": _runs_as(run.described[method]),
         "protocol": run.settings.protocol.name,
         "area": area,
         "images": len(values["abs_rel"]),
@@ -157,11 +161,17 @@ def _row(run: Run, method: str, area: str) -> dict[str, Any]:
     return row
 
 
+def _runs_as(described: Mapping[str, Any]) -> str:
+    """E.g. "steers, float32, cpu"."""
+    steers = ["steers"] if described["steers"] else []
+    return ", ".join([*steers, *(described[k] for k in ("dtype", "device") if k in described)])
+
+
 def _metadata(run: Run) -> dict[str, Any]:
     settings = run.settings
     return {
         **settings.to_json(),
-        "methods": {label: settings.method_name(label) for label in run.results},
+        "methods": {label: run.described[label] for label in run.results},
         "left_out": run.left_out,
         "workers": run.workers,
         "threads_per_worker": run.threads_per_worker,
@@ -178,12 +188,8 @@ def _device_name(device: str) -> str:
 
 def _per_image(result: ImageResult) -> dict[str, float | None]:
     """What does not depend on the area."""
-    return {
-        "seconds": result.seconds,
-        "trusted_fraction": result.trusted_fraction,
-        "max_deviation_m": result.max_deviation_m,
-        "seam_step": result.seam_step,
-    }
+    names = ("seconds", "trusted_fraction", *TRUST_METRICS, "max_deviation_m", "seam_step")
+    return {name: getattr(result, name) for name in names}
 
 
 def _finite(value: float) -> float | None:

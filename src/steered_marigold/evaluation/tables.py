@@ -8,7 +8,13 @@ from typing import Any
 
 from steered_marigold.evaluation.published import published_rows
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.evaluation.summary import METRICS, UNCERTAINTY_METRICS, Comparison, verdict
+from steered_marigold.evaluation.summary import (
+    METRICS,
+    TRUST_METRICS,
+    UNCERTAINTY_METRICS,
+    Comparison,
+    verdict,
+)
 
 _KITTI_COLUMNS = ("abs_rel", "delta1", "rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")
 _TITLES = {
@@ -23,6 +29,9 @@ _TITLES = {
     "spearman": "Spearman ↑",
     "ause": "AUSE ↓",
     "coverage90": "coverage of 90 %",
+    "wrong_left_out": "wrong left out ↑",
+    "right_left_out": "right left out ↓",
+    "floored_fraction": "floored ↓",
     "seam_step": "seam",
 }
 _SETPOINTS = ("coverage90", "seam_step")  # best at a value, neither high nor low
@@ -47,7 +56,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """The rows of one area: first those of the run, then those of the paper; then sentences."""
+    """The rows of one area: first those of the run, then published ones; then sentences."""
 
     area: str
     header: tuple[str, ...]
@@ -57,10 +66,11 @@ class Table:
 
 
 def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: str) -> Table:
-    """One area of a summary's rows; columns in the paper's order, then uncertainty, seam, time."""
+    """One area of a summary's rows: the paper's columns, then uncertainty, seam, trust, time."""
     rows = [row for row in rows if row["area"] == area]
     keys = [*(_KITTI_COLUMNS if settings.dataset == "kitti" else METRICS)]
     keys += [key for key in (*UNCERTAINTY_METRICS, "seam_step") if any(key in row for row in rows)]
+    keys += [key for key in TRUST_METRICS if any(row.get(key) for row in rows)]
     # a mean without the images that failed is no contest
     whole = [row for row in rows if not row["failed"]]
     best = {
@@ -69,6 +79,7 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     ours = [
         (
             Cell(row["method"]),
+            Cell(row["runs_as"]),
             *(_cell(row, key, best[key]) for key in keys),
             Cell(f"{row['images']}" + (f" ({row['failed']} failed)" if row["failed"] else "")),
             Cell(_number(row["seconds_per_image"], 2)),
@@ -77,14 +88,15 @@ def area_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], area: s
     ]
     published = [
         (
-            Cell(f"{row.method}, {row.points} samples (published)"),
+            Cell(f"{row.title} (published)"),
+            Cell(""),
             *(Cell(_number(getattr(row, key, None))) for key in keys),
             Cell("654"),
             Cell("–"),
         )
         for row in published_rows(settings, area)
     ]
-    header = ("method", *(_TITLES[key] for key in keys), "images", "s / image")
+    header = ("method", "runs as", *(_TITLES[key] for key in keys), "images", "s / image")
     return Table(area, header, tuple(ours), tuple(published))
 
 
@@ -108,7 +120,7 @@ def comparison_table(compared: Comparison, area: str, reference: str) -> Table:
 
 
 def _verdict(compared: Comparison, method: str, reference: str) -> str:
-    """E.g. "steered against linear: better in REL, RMSE; not distinguishable in δ1."."""
+    """E.g. "default against linear: better in REL, RMSE; not distinguishable in δ1."."""
     found: dict[str, list[str]] = {"better": [], "worse": [], "not distinguishable": []}
     for (name, key), paired in compared.items():
         if name == method:
@@ -149,7 +161,7 @@ def to_html(table: Table) -> str:
 
 def to_latex(tables: Sequence[Table]) -> str:
     """All areas in one booktabs table, the paper's columns: no images, times and intervals."""
-    columns = tables[0].header[1:-2]
+    columns = tables[0].header[2:-2]
     lines = [
         rf"\begin{{tabular}}{{ll{'c' * len(columns)}}}",
         r"\toprule",
@@ -158,7 +170,7 @@ def to_latex(tables: Sequence[Table]) -> str:
     for table in tables:
         lines.append(r"\midrule")
         for row, style in (*product(table.rows, [""]), *product(table.published, ["textit"])):
-            name, *figures = row[:-2]
+            name, _, *figures = row[:-2]
             cells = (Cell(name.text), Cell(table.area), *figures)
             lines.append(_ampersands(_latex(cell, style) for cell in cells))
     lines += [r"\bottomrule", r"\end{tabular}"]

@@ -1,38 +1,26 @@
 """What the methods without weights share: one check, one record, NumPy in between."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, UInt8
-from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.methods.protocol import check_frame
+from steered_marigold.core.frame import Frame
+from steered_marigold.methods.completer import DepthCompleter
 
 
-class ClassicalCompleter(ABC):
+class ClassicalCompleter(DepthCompleter):
     """A `DepthCompleter` that needs no weights, no randomness and no K."""
 
-    name: str
-
-    def complete(
-        self,
-        image: UInt8[Tensor, "height width 3"],
-        sparse_depth: Float[Tensor, "height width"],
-        valid_mask: Bool[Tensor, "height width"],
-        K: Float[Tensor, "3 3"] | None = None,
-        *,
-        generator: torch.Generator | None = None,
-    ) -> DepthCompletion:
-        """See `DepthCompleter.complete`."""
-        check_frame(self.name, image, sparse_depth, valid_mask)
-        mask = valid_mask.numpy(force=True)
-        depth = np.where(mask, sparse_depth.numpy(force=True), 0).astype(np.float32)
-        dense = torch.from_numpy(self._fill(image.numpy(force=True), depth, mask))
-        measured = valid_mask[None]
+    def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
+        mask = frame.valid_mask.numpy(force=True)
+        depth = np.where(mask, frame.sparse_depth.numpy(force=True), 0).astype(np.float32)
+        dense = torch.from_numpy(self._fill(frame.image.numpy(force=True), depth, mask))
+        measured = frame.valid_mask[None]
         return DepthCompletion(
-            depth=dense.to(sparse_depth)[None], measured=measured, trusted=measured
+            depth=dense.to(frame.sparse_depth)[None], measured=measured, trusted=measured
         )
 
     @abstractmethod

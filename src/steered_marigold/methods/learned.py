@@ -1,15 +1,17 @@
 """What the learned baselines share: the checks, image normalisation, weights, the record."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.methods.protocol import check_frame
+from steered_marigold.core.frame import Frame
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.weights import load_published
 
 
@@ -24,15 +26,13 @@ class ImageNormalization:
 IMAGENET = ImageNormalization(mean=(123.675, 116.28, 103.53), std=(58.395, 57.12, 57.375))
 
 
-class LearnedCompleter(ABC):
+class LearnedCompleter(DepthCompleter):
     """A `DepthCompleter` around one forward pass of a network with published weights.
 
     network: made on the meta device, so that no memory goes to weights that are replaced.
 
     Raises CheckpointError if the weights are missing or are not the network's.
     """
-
-    name: str
 
     def __init__(
         self,
@@ -47,29 +47,22 @@ class LearnedCompleter(ABC):
         self._device = device
         self._normalization = normalization
 
-    def complete(
-        self,
-        image: UInt8[Tensor, "height width 3"],
-        sparse_depth: Float[Tensor, "height width"],
-        valid_mask: Bool[Tensor, "height width"],
-        K: Float[Tensor, "3 3"] | None = None,
-        *,
-        generator: torch.Generator | None = None,
-    ) -> DepthCompletion:
-        """See `DepthCompleter.complete`."""
-        check_frame(self.name, image, sparse_depth, valid_mask)
-        sparse = torch.where(valid_mask, sparse_depth, 0)[None, None]
+    def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
+        sparse = torch.where(frame.valid_mask, frame.sparse_depth, 0)[None, None]
         mean, std = (
             torch.tensor(values, device=self._device)[:, None, None]
             for values in (self._normalization.mean, self._normalization.std)
         )
-        normalized = (image.to(self._device).permute(2, 0, 1) - mean) / std
+        normalized = (frame.image.to(self._device).permute(2, 0, 1) - mean) / std
         with torch.inference_mode():
-            dense = self._predict(normalized[None], sparse.to(self._device, torch.float32), K)
-        measured = valid_mask[None]
+            dense = self._predict(normalized[None], sparse.to(self._device, torch.float32), frame.K)
+        measured = frame.valid_mask[None]
         return DepthCompletion(
-            depth=dense[:, 0].to(sparse_depth), measured=measured, trusted=measured
+            depth=dense[:, 0].to(frame.sparse_depth), measured=measured, trusted=measured
         )
+
+    def describe(self) -> dict[str, Any]:
+        return super().describe() | {"device": str(self._device), "dtype": "float32"}
 
     @abstractmethod
     def _predict(

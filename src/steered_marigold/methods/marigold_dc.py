@@ -1,26 +1,27 @@
 """Marigold-DC: a Marigold checkpoint whose latent is optimised against the measurements."""
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import torch
-from diffusers import DDIMScheduler
-from diffusers.utils.torch_utils import randn_tensor
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.diffusion.checkpoints import load_pipeline
+from steered_marigold.core.frame import Frame
+from steered_marigold.diffusion.checkpoints import default_device, load_pipeline
 from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.randomness import draw_noise
+from steered_marigold.diffusion.settings import Preset, SamplingKnobs
 from steered_marigold.errors import InputError
-from steered_marigold.methods.protocol import check_frame
+from steered_marigold.methods.completer import DepthCompleter
 
 LATENT_LEARNING_RATE = 0.05
 AFFINE_LEARNING_RATE = 0.005
 
 
-class MarigoldDCCompleter:
+class MarigoldDCCompleter(DepthCompleter):
     """Viola et al., "Marigold-DC: Zero-Shot Monocular Depth Completion with Guided Diffusion",
     ICCV 2025 (arXiv 2412.13389), with DDIM steps in trailing spacing.
 
@@ -49,19 +50,18 @@ class MarigoldDCCompleter:
                 f"num_inference_steps ({num_inference_steps}) and ensemble_size "
                 f"({ensemble_size}) must be at least 1"
             )
-        self._pipeline = cast(Any, pipeline)
-        if self._pipeline.dtype == torch.float16:
+        if pipeline.dtype == torch.float16:
             raise InputError("marigold-dc: gradients overflow in float16; use bfloat16 or float32")
-        for model in (self._pipeline.unet, self._pipeline.vae):
+        for model in (pipeline.unet, pipeline.vae):
             model.requires_grad_(False)
-        self._scheduler = cast(Any, DDIMScheduler).from_config(
-            self._pipeline.scheduler.config, timestep_spacing="trailing"
+        self._pipeline = pipeline
+        self._preset = Preset(
+            sampling=SamplingKnobs(
+                num_inference_steps=num_inference_steps, processing_resolution=processing_resolution
+            ),
+            scheduler=("DDIMScheduler", {"timestep_spacing": "trailing"}),
         )
-        self._num_inference_steps = num_inference_steps
-        self._ensemble_size = ensemble_size
-        if processing_resolution is None:
-            processing_resolution = self._pipeline.default_processing_resolution
-        self._processing_resolution = processing_resolution
+        self._num_inference_steps, self._ensemble_size = num_inference_steps, ensemble_size
 
     @classmethod
     def from_checkpoint(
@@ -74,10 +74,13 @@ class MarigoldDCCompleter:
         ensemble_size: int = 1,
         processing_resolution: int | None = None,
     ) -> "MarigoldDCCompleter":
-        """Loads a checkpoint (see `load_pipeline`); no dtype: bfloat16 on CUDA, else float32."""
-        pipeline = cast(Any, load_pipeline(checkpoint, device=device, dtype=dtype or torch.float32))
-        if dtype is None and pipeline.device.type == "cuda":
-            pipeline.to(dtype=torch.bfloat16)
+        """Loads a checkpoint (see `load_pipeline`); dtype None: bfloat16 on CUDA, else float32."""
+        chosen = default_device() if device is None else torch.device(device)
+        fitting = torch.bfloat16 if chosen.type == "cuda" else torch.float32
+        pipeline = load_pipeline(checkpoint, device=device, dtype=dtype or fitting)
+        # the authors' program runs contiguous; channels-last moves 50 steps of Adam by up to 11 mm
+        for model in filter(None, (pipeline.unet, pipeline.vae, pipeline.image_encoder)):
+            model.to(memory_format=torch.contiguous_format)
         return cls(
             pipeline,
             num_inference_steps=num_inference_steps,
@@ -85,31 +88,23 @@ class MarigoldDCCompleter:
             processing_resolution=processing_resolution,
         )
 
-    @torch.no_grad()
-    def complete(
-        self,
-        image: UInt8[Tensor, "height width 3"],
-        sparse_depth: Float[Tensor, "height width"],
-        valid_mask: Bool[Tensor, "height width"],
-        K: Float[Tensor, "3 3"] | None = None,
-        *,
-        generator: torch.Generator | None = None,
-    ) -> DepthCompletion:
-        """See `DepthCompleter.complete`."""
-        check_frame(self.name, image, sparse_depth, valid_mask)
+    def describe(self) -> dict[str, Any]:
         pipe = self._pipeline
-        device, dtype, codec = pipe._execution_device, pipe.dtype, DepthCodec(pipe.vae)
-        pixels, padding, size = pipe.image_processor.preprocess(
-            image.permute(2, 0, 1).float() / 255,
-            self._processing_resolution,
-            "bilinear",
-            device,
-            dtype,
-        )
-        encode = codec.encode_image if pipe.image_encoder is None else pipe.image_encoder
-        image_latents = encode(pixels)
+        dtype = str(pipe.dtype).removeprefix("torch.")
+        return super().describe() | {
+            "steps": self._num_inference_steps,
+            "device": str(pipe.device),
+            "dtype": dtype,
+        }
+
+    @torch.no_grad()
+    def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
+        pipe = self._pipeline
+        device, dtype, codec = pipe.device, pipe.dtype, DepthCodec(pipe.vae)
+        views = pipe.view(frame.image.permute(2, 0, 1).float() / 255, self._preset.sampling)
+        image_latents = pipe.read(views)
         u_net = pipe.predictor(image_latents)
-        self._scheduler.set_timesteps(self._num_inference_steps, device=device)
+        scheduler, _ = pipe.schedule(self._preset, self._num_inference_steps)
 
         def predict(latents: Tensor, t: Tensor) -> Tensor:
             output: Tensor = u_net(latents.to(dtype), t)
@@ -117,22 +112,21 @@ class MarigoldDCCompleter:
 
         def decode(latents: Tensor) -> Tensor:
             decoded = codec.decode(latents.to(dtype)).float()
-            affine: Tensor = pipe.affine_depth(decoded, padding, tuple(size))
+            affine: Tensor = pipe.affine_depth(decoded, views.padding, views.size)
             return affine[0]
 
         # noise in the models' precision, so that a seed gives what it gives to Marigold
         shape = (1, codec.channels, *image_latents.shape[-2:])
+        sparse, mask = frame.sparse_depth.to(device), frame.valid_mask.to(device)
         starts = [
-            randn_tensor(shape, generator, device=device, dtype=dtype).float()
+            draw_noise(shape, generator, device=device, dtype=dtype).float()
             for _ in range(self._ensemble_size)
         ]
-        sparse, mask = sparse_depth.to(device, torch.float32), valid_mask.to(device)
         members = [
-            guided_denoising(predict, decode, self._scheduler, start, sparse, mask)
-            for start in starts
+            guided_denoising(predict, decode, scheduler, start, sparse, mask) for start in starts
         ]
-        depth = torch.stack(members).median(dim=0).values.to(sparse_depth)
-        measured = valid_mask[None]
+        depth = torch.stack(members).median(dim=0).values.to(frame.sparse_depth)
+        measured = frame.valid_mask[None]
         return DepthCompletion(depth=depth[None], measured=measured, trusted=measured)
 
 

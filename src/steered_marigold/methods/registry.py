@@ -1,22 +1,22 @@
 """Methods by name, as tables and the command line call them.
 
-A name may carry settings after `@`: `steered:paper@steering_strength=0.2`, or
-`marigold@ensemble_size=8,num_inference_steps=10`. They are the keyword arguments of the class.
+A name may carry settings after `@`: `paper@steering_strength=0.2`, or
+`marigold@ensemble_size=8,num_inference_steps=10`. They are the keyword arguments of the class, and
+the knobs of `diffusion.settings` for those that have them.
 """
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
-from inspect import Parameter, formatannotation, signature
+from inspect import Parameter, signature
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, Union, cast, get_args, get_origin
+from typing import cast
 
 import torch
 
 from steered_marigold.errors import CheckpointError, InputError
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
+from steered_marigold.methods.settings_text import read_settings
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class _Source:
 
     module: str
     cls: str
-    fixed: Mapping[str, str] = field(default_factory=dict)
+    fixed: Mapping[str, str | None] = field(default_factory=dict)
 
 
 _SOURCES = {
@@ -35,16 +35,39 @@ _SOURCES = {
     "telea": _Source("inpainting", "OpenCvInpainter", {"algorithm": "telea"}),
     "navier-stokes": _Source("inpainting", "OpenCvInpainter", {"algorithm": "navier-stokes"}),
     "colorization": _Source("inpainting", "ColorizationCompleter"),
-    "marigold": _Source("steered", "MarigoldCompleter"),
-    "steered": _Source("steered", "SteeredCompleter", {"preset": "default"}),
-    "steered:paper": _Source("steered", "SteeredCompleter", {"preset": "paper"}),
-    "steered:default": _Source("steered", "SteeredCompleter", {"preset": "default"}),
-    "steered:fast": _Source("steered", "SteeredCompleter", {"preset": "fast"}),
+    "realsense-left": _Source("hole_filling", "HoleFillingFilter", {"mode": "left"}),
+    "realsense-farthest": _Source("hole_filling", "HoleFillingFilter", {"mode": "farthest"}),
+    "realsense-nearest": _Source("hole_filling", "HoleFillingFilter", {"mode": "nearest"}),
+    "realsense-spatial": _Source("hole_filling", "SpatialFilter"),
+    "marigold": _Source("steered", "SteeredCompleter", {"preset": None}),
+    "default": _Source("steered", "SteeredCompleter", {"preset": "default"}),
+    "fast": _Source("steered", "SteeredCompleter", {"preset": "fast"}),
+    "paper": _Source("steered", "SteeredCompleter", {"preset": "paper"}),
+    "paper-minmax": _Source("steered", "SteeredCompleter", {"preset": "paper-minmax"}),
     "marigold-dc": _Source("marigold_dc", "MarigoldDCCompleter"),
     "bpnet": _Source("bpnet", "BPNetCompleter"),
     "completionformer": _Source("completionformer", "CompletionFormerCompleter"),
 }
 METHODS = tuple(_SOURCES)
+# names of version 0.1.0, to go with 0.3.0
+_FORMER = {
+    "steered": "default",
+    "steered:default": "default",
+    "steered:fast": "fast",
+    "steered:paper": "paper",
+}
+
+
+def method_label(name: str) -> str:
+    """The name that tables use for a method: that of METHODS, with its settings after `@`.
+
+    Raises InputError for an unknown method.
+    """
+    base, at, settings = name.partition("@")
+    base = _FORMER.get(base, base)
+    if base not in _SOURCES:
+        raise InputError(f"no method is called {base!r}; there are: {', '.join(METHODS)}")
+    return f"{base}{at}{settings}"
 
 
 def create_method(
@@ -52,7 +75,7 @@ def create_method(
     *,
     checkpoint: str = "embedded",
     device: str = "cpu",
-    dtype: torch.dtype | None = None,
+    dtype: torch.dtype | str | None = None,
     weights: Mapping[str, Path] | None = None,
 ) -> DepthCompleter:
     """The method called `name`, one of METHODS, with settings after `@` if wanted.
@@ -63,9 +86,7 @@ def create_method(
 
     Raises InputError for an unknown method or setting, CheckpointError for weights that lack.
     """
-    base, _, text = name.partition("@")
-    if base not in _SOURCES:
-        raise InputError(f"no method is called {base!r}; there are: {', '.join(METHODS)}")
+    base, _, text = method_label(name).partition("@")
     source = _SOURCES[base]
     cls = getattr(import_module(f"steered_marigold.methods.{source.module}"), source.cls)
     build = getattr(cls, "from_checkpoint", cls)
@@ -84,48 +105,13 @@ def create_method(
         **source.fixed,
     }
     arguments = {key: value for key, value in offered.items() if key in parameters}
-    kinds = {
-        key: _readable_kinds(parameter.annotation)
+    hints = {
+        key: parameter.annotation
         for key, parameter in parameters.items()
         if key not in arguments and parameter.kind is Parameter.KEYWORD_ONLY
     }
-    return cast(DepthCompleter, build(**arguments, **_parse_settings(base, text, kinds)))
-
-
-def _readable_kinds(hint: Any) -> list[Any]:
-    """The types in an annotation that text can be read as: none for a flag or a record."""
-    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    return [k for k in kinds if k in (bool, int, float, str) or get_origin(k) is Literal]
-
-
-def _parse_settings(method: str, text: str, kinds: Mapping[str, list[Any]]) -> dict[str, object]:
-    """`key=value,key=value` as keyword arguments. kinds: the types of each setting, if any."""
-    known = [key for key in kinds if kinds[key]]
-    settings: dict[str, object] = {}
-    for item in filter(None, text.split(",")):
-        key, _, value = item.partition("=")
-        if key not in known:
-            raise InputError(
-                f"{method} has no setting {key!r}; it has: {', '.join(known) or 'none'}"
-            )
-        try:
-            settings[key] = _parse_value(value, kinds[key])
-        except ValueError:
-            expected = " or ".join(map(formatannotation, kinds[key]))
-            raise InputError(f"{method}: {key}={value!r} is no {expected}") from None
-    return settings
-
-
-def _parse_value(text: str, kinds: list[Any]) -> object:
-    """`text` as the first of the types that it fits; ValueError if it fits none."""
-    for kind in kinds:
-        if get_origin(kind) is Literal:
-            if text in get_args(kind):
-                return text
-        elif kind is bool:
-            if text in ("true", "false"):
-                return text == "true"
-        else:
-            with suppress(ValueError):
-                return kind(text)
-    raise ValueError(text)
+    hints |= getattr(cls, "settings", {})
+    return cast(
+        DepthCompleter,
+        build(**arguments, **read_settings(base, filter(None, text.split(",")), hints)),
+    )

@@ -3,14 +3,16 @@
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.frame import Frame
+from steered_marigold.errors import InputError
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.steered import SteeredCompleter
 
 
-class StreamingCompleter:
+class StreamingCompleter(DepthCompleter):
     """Completes a video frame by frame, with fewer steps and less flicker than frame by frame.
 
     The first frame starts from noise and runs all steps. Each later one starts from the depth
@@ -19,11 +21,18 @@ class StreamingCompleter:
     triangulation. `reset` forgets the past, as a frame of another size does: call it at a cut.
     """
 
-    def __init__(self, completer: SteeredCompleter, *, restart: float = 0.5, seed: int = 0) -> None:
-        """completer: of at least two steps, or nothing is left of the frame before."""
-        self.completer, self.restart, self.seed = completer, restart, seed
-        self._latents: Tensor | None = None
-        self._size: torch.Size | None = None
+    def __init__(self, completer: SteeredCompleter, *, restart: float = 0.5) -> None:
+        """completer: of at least two steps, or nothing is left of the frame before.
+
+        Raises InputError for one of a single step.
+        """
+        if completer.num_inference_steps < 2:
+            raise InputError(
+                "a stream needs a completer of at least two steps: `num_inference_steps=2`"
+            )
+        self.name, self.steers = f"stream:{completer.name}", completer.steers
+        self.completer, self.restart = completer, restart
+        self.reset()
 
     @classmethod
     def from_checkpoint(
@@ -33,47 +42,36 @@ class StreamingCompleter:
         preset: str = "fast",
         num_inference_steps: int = 2,
         restart: float = 0.5,
-        seed: int = 0,
         **arguments: Any,
     ) -> "StreamingCompleter":
         """As `SteeredCompleter.from_checkpoint`, whose further arguments it takes."""
         completer = SteeredCompleter.from_checkpoint(
             checkpoint, preset=preset, num_inference_steps=num_inference_steps, **arguments
         )
-        return cls(completer, restart=restart, seed=seed)
+        return cls(completer, restart=restart)
 
     def reset(self) -> None:
         """The next frame starts anew."""
-        self._latents = None
+        self._latents: Tensor | None = None
+        self._size: tuple[int, int] | None = None
+        self._noise: Tensor | None = None
 
-    def complete(
-        self,
-        image: UInt8[Tensor, "height width 3"],
-        sparse_depth: Float[Tensor, "height width"],
-        valid_mask: Bool[Tensor, "height width"],
-        K: Float[Tensor, "3 3"] | None = None,
-        *,
-        confidence: Float[Tensor, "height width"] | None = None,
-    ) -> DepthCompletion:
-        """The next frame; see `DepthCompleter.complete`."""
-        if self._size != image.shape:
+    def describe(self) -> dict[str, Any]:
+        return self.completer.describe() | super().describe() | {"restart": self.restart}
+
+    def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
+        """The next frame; the generator's state counts at the first one alone."""
+        if self._size != frame.size:
             self.reset()
-        kept: dict[str, Tensor] = {}
-
-        def keep(pipe: Any, i: int, t: Tensor, tensors: dict[str, Any]) -> dict[str, Any]:
-            kept.update(tensors)
-            return {}
-
-        answer = self.completer.complete(
-            image,
-            sparse_depth,
-            valid_mask,
-            K,
-            confidence=confidence,
-            generator=torch.Generator().manual_seed(self.seed),
+        if self._noise is None:
+            self._noise = generator.get_state()
+        generator.set_state(self._noise)
+        answer = self.completer.run(
+            frame,
+            generator,
             previous_latents=self._latents,
             restart=self.restart,
-            callback_on_step_end=keep,
+            output_latents=True,
         )
-        self._latents, self._size = kept["latents"], image.shape
+        self._latents, self._size = answer.latents, frame.size
         return answer

@@ -14,7 +14,7 @@ from steered_marigold.errors import (
     SizeMismatchError,
 )
 from steered_marigold.methods.bpnet import BPNet, BPNetCompleter
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 K = torch.tensor([[300.0, 0, 150], [0, 310, 120], [0, 0, 1]])
 

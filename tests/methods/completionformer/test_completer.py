@@ -13,7 +13,7 @@ from steered_marigold.errors import (
     SizeMismatchError,
 )
 from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
-from steered_marigold.methods.protocol import DepthCompleter
+from steered_marigold.methods.completer import DepthCompleter
 
 
 @pytest.fixture(autouse=True)

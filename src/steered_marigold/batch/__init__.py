@@ -1,0 +1,1 @@
+"""Many frames: every failure counted, none of them the end."""

@@ -1,0 +1,1 @@
+"""Frames from where they are to where their depth goes: sources, completion and record, outputs."""

@@ -1,0 +1,109 @@
+"""A frame in, its completion and the record of what happened out: what every front end calls."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import torch
+
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.frame import Frame
+from steered_marigold.core.notices import Notice
+from steered_marigold.errors import InputError
+from steered_marigold.methods.completer import SEED, DepthCompleter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What happened to a frame.
+
+    values: settings, times, counts, as JSON holds them. notices: what a person should know.
+    """
+
+    values: Mapping[str, Any]
+    notices: tuple[Notice, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Both, as values that JSON holds."""
+        return {**self.values, "notices": [vars(notice) for notice in self.notices]}
+
+    def extended(self, values: Mapping[str, Any], *notices: Notice) -> "Record":
+        """With more of both; values of the same name are replaced."""
+        return Record(values={**self.values, **values}, notices=(*self.notices, *notices))
+
+
+def complete_frame(
+    completer: DepthCompleter,
+    frame: Frame,
+    *,
+    seed: int = SEED,
+    no_measurements: bool = False,
+    max_uncertainty: float | None = None,
+) -> tuple[DepthCompletion, Record]:
+    """Completes a frame on the CPU's side: the answer's tensors have left the device.
+
+    no_measurements: where nothing was measured, give relative depth. max_uncertainty: depth whose
+    uncertainty [m] is larger becomes 0, unknown.
+
+    Raises InputError where these cannot be had, NoMeasurementsError where nothing was measured.
+    """
+    if max_uncertainty is not None and not frame.measured:
+        raise InputError(
+            "without measurements the depth is relative: there are no metres for `max_uncertainty`"
+        )
+    started = perf_counter()
+    completion = completer.answer(
+        frame, generator=torch.Generator().manual_seed(seed), relative=no_measurements
+    )
+    completion = _to_cpu(completion)  # waits for the device
+    seconds = perf_counter() - started
+
+    too_uncertain = torch.zeros_like(frame.valid_mask)
+    if max_uncertainty is not None:
+        too_uncertain = require_uncertainty(completion) > max_uncertainty
+        completion = replace(completion, depth=torch.where(too_uncertain, 0.0, completion.depth))
+    known = completion.depth[0][completion.depth[0] > 0]
+    bounded = completion.metric and len(known) > 0
+    values = {
+        "frame": frame.id,
+        **completer.describe(),
+        "seed": seed,
+        "seconds": round(seconds, 4),
+        "metric": completion.metric,
+        "scale": None if completion.scale is None else float(completion.scale[0]),
+        "shift": None if completion.shift is None else float(completion.shift[0]),
+        "depth_min_m": float(known.min()) if bounded else None,
+        "depth_max_m": float(known.max()) if bounded else None,
+        "exact_codec_steps": completion.exact_codec_steps,
+        "linear_codec_steps": completion.linear_codec_steps,
+        "input_valid_fraction": float(frame.valid_mask.float().mean()),
+        "trusted": int(completion.trusted.sum()),
+        "untrusted": int((completion.measured & ~completion.trusted).sum()),
+        "floored": 0 if completion.floored is None else int(completion.floored.sum()),
+        "too_uncertain": int(too_uncertain.sum()),
+        "treated_as_missing": dict(frame.missing) or None,
+    }
+    return completion, Record(values=values, notices=(*frame.notices, *_doubts(completion)))
+
+
+def require_uncertainty(completion: DepthCompletion) -> torch.Tensor:
+    """The uncertainty [batch, height, width], or InputError if there is none."""
+    if completion.uncertainty is None:
+        raise InputError("this run states no uncertainty; `ensemble_size=4` makes it state one")
+    return completion.uncertainty
+
+
+def _doubts(completion: DepthCompletion) -> list[Notice]:
+    """What the answer itself says against it."""
+    if completion.slope_rejected is not None and completion.slope_rejected.any():
+        text = (
+            "the measurements contradict the depth seen in the image; the scale is a ratio of means"
+        )
+        return [Notice("slope_rejected", text)]
+    return []
+
+
+def _to_cpu(completion: DepthCompletion) -> DepthCompletion:
+    moved: dict[str, Any] = {k: v.cpu() for k, v in vars(completion).items() if torch.is_tensor(v)}
+    return replace(completion, **moved)

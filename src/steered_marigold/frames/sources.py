@@ -1,0 +1,212 @@
+"""Where frames come from: one frame's files, or folders of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from steered_marigold.core.doubts import scale_doubts
+from steered_marigold.core.frame import Frame
+from steered_marigold.core.registration import register_depth
+from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
+from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES, read_confidence
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import DepthMap, read_depth
+from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
+from steered_marigold.io.intrinsics import Intrinsics
+from steered_marigold.io.pairing import pair_files
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How files are read; see `read_depth`.
+
+    registered: the depth map has a lower resolution and an equal view. intrinsics: of the image.
+    no_measurements: a frame in which nothing was measured is a frame all the same. slop: time
+    stamps [s] of a pair differ by no more; associations: see `pair_files`.
+    """
+
+    depth_scale: float | None = None
+    max_depth: float | None = None
+    depth_encoding: str = "z"
+    baseline: float | None = None
+    registered: bool = False
+    intrinsics: Intrinsics | None = None
+    no_measurements: bool = False
+    slop: float = 0.02
+    associations: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFiles:
+    """The files of a frame; or, for many, their folders. depth: None if nothing was measured."""
+
+    image: Path
+    depth: Path | None = None
+    confidence: Path | None = None
+
+    def given(self) -> list[Path]:
+        """The paths that are not None."""
+        return [path for path in (self.image, self.depth, self.confidence) if path is not None]
+
+
+class FrameSource(Protocol):
+    """Frames that are read one at a time; picklable, so that workers share it."""
+
+    @property
+    def ids(self) -> Sequence[str]:
+        """Of the frames, unique, in order."""
+        ...
+
+    def load(self, frame_id: str) -> Frame:
+        """One frame. Raises InputError, naming the file, if it cannot be used."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileSource:
+    """Frames of files, by id. lone: files that belong to no frame. rule: how they were paired."""
+
+    files: dict[str, FrameFiles]
+    reading: Reading
+    lone: tuple[Path, ...] = field(default=())
+    rule: str = ""
+
+    @property
+    def ids(self) -> list[str]:
+        """Of the frames: the stems of their images."""
+        return list(self.files)
+
+    def load(self, frame_id: str) -> Frame:
+        """See `read_frame`."""
+        return read_frame(self.files[frame_id], self.reading, frame_id)
+
+
+def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
+    """The frames of two folders (three with confidences), paired as `pair_files` does.
+
+    Raises InputError if one is no folder, or if there is no pair.
+    """
+    for folder in folders.given():
+        if not folder.is_dir():
+            raise InputError(f"{folder}: {folders.image} is a folder, so this must be one too")
+    images = _files(folders.image, IMAGE_SUFFIXES)
+    if folders.depth is None:
+        files = {path.stem: FrameFiles(image=path) for path in images}
+        return FileSource(files=files, reading=reading)
+    pairing = pair_files(
+        images,
+        _files(folders.depth, DEPTH_SUFFIXES),
+        slop=reading.slop,
+        associations=reading.associations,
+    )
+    files = {image.stem: FrameFiles(image=image, depth=depth) for image, depth in pairing.pairs}
+    lone = pairing.unpaired
+    if folders.confidence is not None:
+        depths = [depth for _, depth in pairing.pairs]
+        weights = pair_files(depths, _files(folders.confidence, CONFIDENCE_SUFFIXES))
+        of_depth = dict(weights.pairs)
+        without = [frame for frame in files.values() if frame.depth not in of_depth]
+        lone += tuple(frame.image for frame in without)
+        files = {
+            frame_id: replace(frame, confidence=of_depth[frame.depth])
+            for frame_id, frame in files.items()
+            if frame.depth in of_depth
+        }
+    return FileSource(files=files, reading=reading, lone=lone, rule=pairing.rule)
+
+
+def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None) -> Frame:
+    """The frame's files, checked against each other; InputError where they cannot be used."""
+    if files.depth is not None and files.depth.resolve() == files.image.resolve():
+        raise InputError(f"{files.image}: is given as the image and as its depth map; name both")
+    image = read_image(files.image)
+    size = image.pixels.shape[0], image.pixels.shape[1]
+    K, notices = None, image.notes
+    if reading.intrinsics is not None:
+        K, of_camera = reading.intrinsics.for_image(size)
+        notices += of_camera
+    nothing = torch.zeros(size)
+    frame = Frame(
+        image=image.pixels,
+        sparse_depth=nothing,
+        valid_mask=nothing > 0,
+        K=K,
+        id=files.image.stem if frame_id is None else frame_id,
+        notices=notices,
+    )
+    return frame if files.depth is None else _with_depth(frame, files, files.depth, reading)
+
+
+def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -> Frame:
+    """The frame with what was measured."""
+    measured = _read_depth(path, reading, frame.K)
+    confidence, notices = None, measured.notes
+    if files.confidence is not None:
+        weights = read_confidence(files.confidence)
+        confidence, notices = weights.confidence, notices + weights.notes
+        if confidence.shape != measured.depth.shape:
+            raise SizeMismatchError(
+                f"{files.confidence} is {_size(confidence)} but {path} {_size(measured.depth)}"
+            )
+    depth, valid_mask = measured.depth, measured.valid_mask
+    if reading.registered:
+        moved = register_depth(depth, valid_mask, frame.size)
+        depth, valid_mask = moved.depth, moved.valid_mask
+        confidence = None if confidence is None else moved.carry(confidence)
+    elif frame.size != depth.shape:
+        raise _other_size(files, frame.image[..., 0], depth)
+    return replace(
+        frame,
+        sparse_depth=depth,
+        valid_mask=valid_mask,
+        confidence=confidence,
+        missing=measured.missing,
+        notices=frame.notices + notices + scale_doubts(depth, valid_mask),
+    )
+
+
+def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) -> DepthMap:
+    measured = read_depth(
+        path,
+        depth_scale=reading.depth_scale,
+        max_depth=reading.max_depth,
+        depth_encoding=reading.depth_encoding,
+        K=K,
+        baseline=reading.baseline,
+    )
+    if not measured.valid_mask.any() and not reading.no_measurements:
+        reasons = [f"{n} {name.replace('_', ' ')}" for name, n in measured.missing.items() if n]
+        raise NoMeasurementsError(
+            f"{path}: no valid pixel ({', '.join(reasons)}); "
+            "`no_measurements` gives relative depth from the image alone"
+        )
+    return measured
+
+
+def _files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+    """The folder's visible files of these kinds."""
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+    )
+
+
+def _other_size(files: FrameFiles, image: Tensor, depth: Tensor) -> SizeMismatchError:
+    """Names both sizes, and the likeliest way out."""
+    advice = "`depth_grid=registered` takes a depth map of lower resolution and equal view"
+    if image.shape == depth.shape[::-1]:
+        advice = "one of them is turned by 90 degrees (the image's EXIF orientation was applied)"
+    return SizeMismatchError(
+        f"{files.image} is {_size(image)} but {files.depth} {_size(depth)}; {advice}"
+    )
+
+
+def _size(array: Tensor) -> str:
+    height, width = array.shape
+    return f"{width}x{height}"

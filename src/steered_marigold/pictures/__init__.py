@@ -1,0 +1,1 @@
+"""Colours and panels: one look for commands, evaluation, page and viewers. Figures, no files."""
