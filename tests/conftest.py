@@ -28,3 +28,9 @@ def real_frames() -> Path:
 def nyuv2_train() -> Path:
     """The NYUv2 training frames."""
     return _folder("nyuv2_train")
+
+
+@pytest.fixture(scope="session")
+def sequence() -> Path:
+    """Consecutive real frames, and two of which the depth is not registered."""
+    return _folder("sequence")
