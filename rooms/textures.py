@@ -1,10 +1,11 @@
 """A bank of drawn textures with mipmaps, the same in every process.
 
 Every surface of a room takes its albedo from one layer of the bank, tinted and scaled by its
-material. Many layers have strong albedo edges where the depth has none.
+material. Many layers have strong albedo edges where the depth has none. `use_crops` puts crops of
+photographs in the place of many layers.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
 
@@ -210,6 +211,19 @@ def _outdoors(generator: np.random.Generator) -> Texture:
     return image
 
 
+def _sky(generator: np.random.Generator) -> Texture:
+    """Blue or grey, paler towards the horizon (its middle row), with or without clouds."""
+    rows = np.abs(np.linspace(1, -1, SIDE, dtype=np.float32))[:, None, None]
+    zenith = np.array([0.25, 0.45, 0.95]) * generator.uniform(0.5, 1.0)
+    if generator.random() < 0.4:
+        zenith = np.full(3, generator.uniform(0.5, 0.95))
+    horizon = np.array([0.85, 0.92, 1.0]) * generator.uniform(0.8, 1.0)
+    clouds = fractal_noise(generator, slope=1.8, stretch=0.5)[..., None]
+    cover = np.clip((clouds - generator.uniform(0.2, 1.1)) * 3, 0, 1)
+    clear = zenith * rows + horizon * (1 - rows)
+    return np.asarray(clear * (1 - cover) + cover * generator.uniform(0.7, 1.0), np.float32)
+
+
 _DRAWERS: dict[str, tuple[int, Callable[[np.random.Generator], Texture]]] = {
     "plaster": (8, _plaster),
     "wood": (12, _wood),
@@ -224,7 +238,33 @@ _DRAWERS: dict[str, tuple[int, Callable[[np.random.Generator], Texture]]] = {
     "art": (32, _art),
     "page": (24, _page),
     "outdoors": (10, _outdoors),
+    "sky": (12, _sky),
 }
+
+
+# which crops may stand for which layers
+_CROPS = {
+    "plain": ("plaster",),
+    "pattern": ("wood", "weave", "carpet", "stripes", "blotches"),
+    "picture": ("print", "art", "page"),
+}
+_CROP_SHARE = 0.7
+
+
+def use_crops(crops: Mapping[str, UInt8[np.ndarray, "n side side 3"]], seed: int) -> None:
+    """From now on in this process most layers are random crops of their kind, chosen by the seed.
+
+    crops: linear reflectance, of kinds "plain", "pattern" and "picture".
+    """
+    generator = np.random.default_rng([_BANK_SEED, seed])
+    stack = _drawn().copy()
+    for crop_kind, kinds in _CROPS.items():
+        for layer in (layer for kind in kinds for layer in layers(kind)):
+            if generator.random() < _CROP_SHARE:
+                chosen = crops[crop_kind][generator.integers(len(crops[crop_kind]))]
+                stack[layer] = chosen.astype(np.float32) / 255
+    _Bank.stack = stack
+    _bank.cache_clear()
 
 
 def layers(kind: str) -> range:
@@ -237,15 +277,26 @@ def layers(kind: str) -> range:
     raise KeyError(kind)
 
 
-@cache
-def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"]]:
-    """All texels of all levels in one table, and the first row of each level."""
+def _drawn() -> Float32[np.ndarray, "layers side side 3"]:
+    """Every layer as drawn."""
     drawn = []
     for kind, (count, draw) in _DRAWERS.items():
         for index in range(count):
             name = int.from_bytes(kind.encode()[:4], "big")
             drawn.append(draw(np.random.default_rng([_BANK_SEED, name, index])))
-    stack = np.clip(np.stack(drawn), 0, 1)
+    return np.asarray(np.clip(np.stack(drawn), 0, 1), dtype=np.float32)
+
+
+class _Bank:
+    """What `use_crops` chose for this process; None is the drawn layers."""
+
+    stack: Float32[np.ndarray, "layers side side 3"] | None = None
+
+
+@cache
+def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"]]:
+    """All texels of all levels in one table, and the first row of each level."""
+    stack = _drawn() if _Bank.stack is None else _Bank.stack
     tables = []
     for _ in range(_LEVELS):
         tables.append((stack * 255 + 0.5).astype(np.uint8).reshape(-1, 3))
