@@ -13,6 +13,7 @@ from rooms.render import RoomFrame, render_room, render_street
 from rooms.textures import use_crops
 
 FRAMES_PER_SHARD = 100
+DRAWN, CROPS = "shard", "crops"
 
 
 def first_seed(seed: int) -> int:
@@ -20,9 +21,14 @@ def first_seed(seed: int) -> int:
     return seed * 1_000_000
 
 
-def shard_path(folder: Path, index: int) -> Path:
-    """Where shard `index` is."""
-    return folder / f"shard_{index:05d}.npz"
+def shard_path(folder: Path, index: int, *, crops: bool = False) -> Path:
+    """Where shard `index` is; one whose textures are photographs has a name of its own."""
+    return folder / f"{CROPS if crops else DRAWN}_{index:05d}.npz"
+
+
+def shards_in(folder: Path, name: str) -> list[Path]:
+    """All shards of a folder whose textures are `DRAWN`, or `CROPS` of photographs."""
+    return sorted(folder.glob(f"{name}_*.npz"))
 
 
 def write_shards(
@@ -45,7 +51,7 @@ def write_shards(
     folder.mkdir(parents=True, exist_ok=True)
     tasks, render = [], render_street if streets else render_room
     for first in range(0, frames, FRAMES_PER_SHARD):
-        path = shard_path(folder, first // FRAMES_PER_SHARD)
+        path = shard_path(folder, first // FRAMES_PER_SHARD, crops=crops is not None)
         last = min(first + FRAMES_PER_SHARD, frames)
         if _frames_in(path) != last - first:
             seeds = range(first_seed(seed) + first, first_seed(seed) + last)

@@ -249,21 +249,21 @@ _CROPS = {
     "picture": ("print", "art", "page"),
 }
 _CROP_SHARE = 0.7
+# what `use_crops` chose, by layer
+_replaced: dict[int, UInt8[np.ndarray, "side side 3"]] = {}
 
 
 def use_crops(crops: Mapping[str, UInt8[np.ndarray, "n side side 3"]], seed: int) -> None:
     """From now on in this process most layers are random crops of their kind, chosen by the seed.
 
-    crops: linear reflectance, of kinds "plain", "pattern" and "picture".
+    crops: linear reflectance, by "plain", "pattern" and "picture"; none gives the drawn layers.
     """
     generator = np.random.default_rng([_BANK_SEED, seed])
-    stack = _drawn().copy()
-    for crop_kind, kinds in _CROPS.items():
-        for layer in (layer for kind in kinds for layer in layers(kind)):
+    _replaced.clear()
+    for name, images in crops.items():
+        for layer in (layer for kind in _CROPS[name] for layer in layers(kind)):
             if generator.random() < _CROP_SHARE:
-                chosen = crops[crop_kind][generator.integers(len(crops[crop_kind]))]
-                stack[layer] = chosen.astype(np.float32) / 255
-    _Bank.stack = stack
+                _replaced[layer] = images[generator.integers(len(images))]
     _bank.cache_clear()
 
 
@@ -277,26 +277,17 @@ def layers(kind: str) -> range:
     raise KeyError(kind)
 
 
-def _drawn() -> Float32[np.ndarray, "layers side side 3"]:
-    """Every layer as drawn."""
+@cache
+def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"]]:
+    """All texels of all levels in one table, and the first row of each level."""
     drawn = []
     for kind, (count, draw) in _DRAWERS.items():
         for index in range(count):
             name = int.from_bytes(kind.encode()[:4], "big")
             drawn.append(draw(np.random.default_rng([_BANK_SEED, name, index])))
-    return np.asarray(np.clip(np.stack(drawn), 0, 1), dtype=np.float32)
-
-
-class _Bank:
-    """What `use_crops` chose for this process; None is the drawn layers."""
-
-    stack: Float32[np.ndarray, "layers side side 3"] | None = None
-
-
-@cache
-def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"]]:
-    """All texels of all levels in one table, and the first row of each level."""
-    stack = _drawn() if _Bank.stack is None else _Bank.stack
+    for layer, crop in _replaced.items():
+        drawn[layer] = crop.astype(np.float32) / 255
+    stack = np.clip(np.stack(drawn), 0, 1)
     tables = []
     for _ in range(_LEVELS):
         tables.append((stack * 255 + 0.5).astype(np.uint8).reshape(-1, 3))

@@ -28,3 +28,9 @@ def real_frames() -> Path:
 def nyuv2_train() -> Path:
     """The NYUv2 training frames."""
     return _folder("nyuv2_train")
+
+
+@pytest.fixture(scope="session")
+def rgbd() -> Path:
+    """RGB-D pairs of other sources."""
+    return _folder("rgbd")

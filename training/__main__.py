@@ -114,14 +114,15 @@ def _evaluate(
     split: Annotated[Literal["report", "tune"], typer.Option(help="Held-out frames.")] = "report",
     limit: Annotated[int | None, typer.Option(help="Frames, evenly spaced.", min=1)] = None,
     real_frames: Annotated[Path | None, typer.Option(help="Folders of rgb and depth.")] = None,
-    parts: Annotated[str, typer.Option(help="One or several.")] = (
-        "denoiser,calibration,steps,steering,codec,speed,sheet"
-    ),
+    rgbd: Rgbd = None,
+    parts: Annotated[
+        str | None, typer.Option(help="One or several; all, but kinds only with --rgbd.")
+    ] = None,
     steps: Annotated[str, typer.Option(help="Ascending; the last is steering's.")] = "1,4,10,50",
     samples: Annotated[int, typer.Option(help="Samples of a frame.", min=2)] = 8,
 ) -> None:
     """Stage 5: what a checkpoint is worth; parts are added to what `output` holds."""
-    from training.evaluation.run import evaluate
+    from training.evaluation.run import PARTS, evaluate
     from training.evaluation.subject import Subject, split_frames
 
     subject = Subject(
@@ -132,8 +133,12 @@ def _evaluate(
         samples=samples,
         output=output,
         real_frames=real_frames,
+        rgbd=rgbd,
+        split=split,
+        limit=limit,
     )
-    evaluate(subject, parts.split(","), split)
+    known = [name for name in PARTS if rgbd or name != "kinds"]
+    evaluate(subject, parts.split(",") if parts else known)
 
 
 if __name__ == "__main__":

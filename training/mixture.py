@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader, IterableDataset
 
+from rooms.shards import CROPS, DRAWN, shards_in
 from training.data import (
     NYU_BORDER,
     Frame,
@@ -87,7 +88,10 @@ class MixedFrames(IterableDataset[Sample]):
             yield augment(self.pairs[rng.choice(len(self.pairs), p=self.chances)], 0, rng)
 
     def _shards(self) -> list[Path]:
-        return sorted(p for folder in self.sources.rooms for p in folder.glob("shard_*.npz"))
+        crops = [path for folder in self.sources.rooms for path in shards_in(folder, CROPS)]
+        if crops and self.sources.procedural_only:
+            raise ValueError(f"{crops[0]} holds textures of photographs; leave its folder out")
+        return crops + [path for folder in self.sources.rooms for path in shards_in(folder, DRAWN)]
 
     def _rooms(self, rng: np.random.Generator) -> Iterator[Frame]:
         while True:
