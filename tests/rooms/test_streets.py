@@ -74,8 +74,11 @@ def test_shards_tell_what_their_textures_are(tmp_path: Path, red: dict[str, np.n
     path = tmp_path / "crops.npz"
     np.savez(path, allow_pickle=False, **red)
     for crops in (path, None):
-        options = {"frames": 1, "size": (32, 24), "workers": 1, "seed": 0}
-        list(write_shards(tmp_path, **options, streets=True, crops=crops))
+        size = 32, 24
+        shards = write_shards(
+            tmp_path, frames=1, size=size, workers=1, seed=0, streets=True, crops=crops
+        )
+        list(shards)
     for name in (DRAWN, CROPS):
         (shard,) = shards_in(tmp_path, name)
         with np.load(shard) as arrays:

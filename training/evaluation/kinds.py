@@ -9,9 +9,9 @@ import numpy as np
 from steered_marigold.errors import InputError
 from steered_marigold.evaluation.protocol import Protocol
 from steered_marigold.evaluation.runner import Evaluator
-from training.evaluation.comparison import score
+from training.evaluation.comparison import means, score
 from training.evaluation.sheet import draw_sheets
-from training.evaluation.subject import Findings, Row, Subject, evenly_spaced, mean_row
+from training.evaluation.subject import Findings, Row, Subject, evenly_spaced
 from training.rgbd import KINDS, held_out_pairs
 
 METHODS = ("linear", "colorization", "marigold", "steered")
@@ -44,21 +44,22 @@ def kinds(subject: Subject) -> Findings:
                 run = subject.run_on(folder, _protocol(protocol, masks), METHODS, frames)
                 rows = score(run, "hidden")
                 hidden += [
-                    {"kind": kind, "protocol": protocol, "method": label, **_means(rows[label])}
+                    {
+                        "kind": kind,
+                        "protocol": protocol,
+                        "method": label,
+                        **means(rows[label], KEYS),
+                    }
                     for label in METHODS
                 ]
             whole = subject.run_on(folder, _protocol("region", masks), ("marigold",), frames)
-            means = _means(score(whole, "full")["marigold"])
-            unsteered.append({"kind": kind, "frames": len(frames), **means})
+            row = means(score(whole, "full")["marigold"], KEYS)
+            unsteered.append({"kind": kind, "frames": len(frames), **row})
             drawn = Evaluator(subject.run_on(folder, _protocol("upper-half", masks), (), frames))
             shown = [drawn.prepare(frame) for frame in evenly_spaced(frames, SHOWN)]
             pictures += draw_sheets(shown, subject, f"sheet_{kind}")
     tables = {"what is hidden": hidden, "unsteered, the whole frame": unsteered}
     return Findings(tables, tuple(pictures))
-
-
-def _means(rows: dict[str, Row]) -> Row:
-    return mean_row([{key: row[key] for key in KEYS} for row in rows.values()])
 
 
 def _protocol(name: str, masks: Path) -> Protocol:
