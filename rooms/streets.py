@@ -115,33 +115,37 @@ def _building(g: Generator, street: Street, x: float, y: float, yaw: float, widt
     height, depth = storey * storeys + between(g, 0.3, 1.0), between(g, 6, 12)
     wall = made_of.facade(g)
     parts: list[Part] = [(box([-width / 2, -depth, 0], [width / 2, 0, height]), wall)]
-    w, h = between(g, 0.8, 1.8), between(g, 1.1, 0.75 * storey)
-    columns = np.arange(-width / 2 + 0.8, width / 2 - w - 0.4, w + between(g, 0.5, 2.0))
-    rows = storey * np.arange(storeys) + between(g, 0.6, 0.9)
-    x0, z0 = (v.ravel() for v in np.meshgrid(columns, rows))
-    if len(x0):
-        low = np.stack([x0, np.zeros_like(x0), z0], axis=1)
-        pane, frame = made_of.dark_gloss(g), made_of.plastic(g)
-        t = 0.07
-        sides = [([-t, 0, -t], [0, PANE, h + t]), ([w, 0, -t], [w + t, PANE, h + t])]
-        sides += [([0, 0, -t], [w, 2 * PANE, 0]), ([0, 0, h], [w, PANE, h + t])]
-        if chance(g, 0.5):
-            sides.append(([w / 2 - 0.03, 0, 0], [w / 2 + 0.03, PANE, h]))
-        parts.append((boxes(low, low + np.array([w, 0.01, h])), pane))
-        around = [boxes(low + np.array(a), low + np.array(b)) for a, b in sides]
-        parts.append((join(around), frame))
+    parts += _windows(g, width, storey, storeys)
     door = between(g, -width / 3, width / 3)
     parts.append((box([door, 0, 0], [door + between(g, 0.9, 2.5), 0.06, 2.2]), made_of.wood(g)))
     if chance(g, 0.3):  # a shop's awning, a balcony
         parts.append((box([door - 1, 0, 2.5], [door + 3, between(g, 0.6, 1.6), 2.7]), wall))
     if chance(g, 0.6):
-        rise = between(g, 1.5, 4.5)
+        rise, tiles = between(g, 1.5, 4.5), made_of.roof(g)
         ridge = np.array([[0.4, height - 0.1], [-depth / 2, height + rise], [-depth, height - 0.1]])
         edges = np.array([-width / 2 - 0.3, width / 2 + 0.3])
         grid = [[(edge, *point) for edge in edges] for point in ridge]
-        for slope in (grid[:2], grid[1:]):
-            parts.append((sheet(np.array(slope)), made_of.roof(g)))
+        parts += [(sheet(np.array(slope)), tiles) for slope in (grid[:2], grid[1:])]
     street.add(parts, x, y, yaw)
+
+
+def _windows(g: Generator, width: float, storey: float, storeys: int) -> list[Part]:
+    """Panes with frames that stand out of a front, alike, in rows."""
+    w, h = between(g, 0.8, 1.8), between(g, 1.1, 0.75 * storey)
+    columns = np.arange(-width / 2 + 0.8, width / 2 - w - 0.4, w + between(g, 0.5, 2.0))
+    rows = storey * np.arange(storeys) + between(g, 0.6, 0.9)
+    x, z = (v.ravel() for v in np.meshgrid(columns, rows))
+    if not len(x):
+        return []
+    low = np.stack([x, np.zeros_like(x), z], axis=1)
+    t = 0.07
+    bars = [([-t, 0, -t], [0, PANE, h + t]), ([w, 0, -t], [w + t, PANE, h + t])]
+    bars += [([0, 0, -t], [w, 2 * PANE, 0]), ([0, 0, h], [w, PANE, h + t])]
+    if chance(g, 0.5):
+        bars.append(([w / 2 - 0.03, 0, 0], [w / 2 + 0.03, PANE, h]))
+    frames = join([boxes(low + np.array(a), low + np.array(b)) for a, b in bars])
+    panes = boxes(low, low + np.array([w, 0.01, h]))
+    return [(panes, made_of.dark_gloss(g)), (frames, made_of.plastic(g))]
 
 
 def _hedge(g: Generator, street: Street, x: float, width: float, side: int) -> None:

@@ -60,12 +60,6 @@ THEMES: tuple[Theme, ...] = (
          (0.8, fixtures.board), (1.5, seating.office_chair), *_COMMON),
         group=0.35, rows=0.4,
     ),
-    Theme(  # lecture hall, cafe, waiting room
-        1.2, ((4.5, 7.5), (6.0, 9.8)),
-        ((2.0, seating.chair), (1.5, fixtures.board), (1.0, storage.bookshelf),
-         (1.0, tables.table), (1.5, fixtures.person), *_COMMON),
-        group=0.7, rows=0.6, density=1.6,
-    ),
     Theme(  # bathroom
         1.2, ((1.8, 2.6), (2.2, 3.6)),
         ((2.0, fixtures.washbasin), (1.5, fixtures.toilet), (1.5, fixtures.bathtub),
