@@ -17,10 +17,10 @@ import matplotlib
 import numpy as np
 import typer
 
+from rooms.bank import use_crops
 from rooms.render import MAX_STREET_DEPTH_M, RoomFrame, render_room, render_street
 from rooms.sample import write_sample
 from rooms.shards import first_seed, write_shards
-from rooms.textures import use_crops
 
 
 def main(

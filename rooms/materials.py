@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float32
 
-from rooms.textures import layers, random_colour
+from rooms.bank import layers
+from rooms.textures import random_colour
 
 Generator = np.random.Generator
 Colour = Float32[np.ndarray, "3"]

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rooms.bank import use_crops
 from rooms.render import RoomFrame, render_room, render_street
-from rooms.textures import use_crops
 
 FRAMES_PER_SHARD = 100
 DRAWN, CROPS = "shard", "crops"

@@ -244,6 +244,8 @@ def _interfaces(
     new: whether the encoder was trained after that of `start`.
     """
     depth = 1 / float(torch.cat([encode_depth(codec, d[None]) for d in batch["depth"]]).std())
+    if start is not None:  # what its U-Net was trained on
+        depth = float(AutoencoderKL.load_config(start / "vae")["scaling_factor"])
     if not new:  # a checkpoint's encoder is exactly what its U-Net was trained on
         channels = encoder.config.latent_channels
         return {"matrix": torch.eye(channels), "offset": torch.zeros(channels), "depth": depth}

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rooms.bank import use_crops
 from rooms.render import MAX_STREET_DEPTH_M, RoomFrame, render_room, render_street
 from rooms.shards import CROPS, DRAWN, shards_in, write_shards
-from rooms.textures import SIDE, use_crops
+from rooms.textures import SIDE
 
 
 @pytest.fixture(scope="module")
