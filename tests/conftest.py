@@ -34,3 +34,9 @@ def nyuv2_train() -> Path:
 def sequence() -> Path:
     """Consecutive real frames, and two of which the depth is not registered."""
     return _folder("sequence")
+
+
+@pytest.fixture(scope="session")
+def rgbd() -> Path:
+    """RGB-D pairs of other sources."""
+    return _folder("rgbd")

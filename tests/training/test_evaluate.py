@@ -191,7 +191,7 @@ def test_every_part_on_the_embedded_checkpoint(nyuv2: Path, tmp_path: Path) -> N
     options = ("--steps", "1,2,3", "--samples", "2", "--real-frames", str(real))
     run(nyuv2, output, *options)
     parts = read_figures(output)["parts"]
-    assert list(parts) == list(PARTS)
+    assert list(parts) == [part for part in PARTS if part != "kinds"]
     for part in parts.values():
         assert all((output / picture).is_file() for picture in part["pictures"])
     assert parts["sheet"]["pictures"] == ["sheet_1.png", "sheet_real_1.png"]
