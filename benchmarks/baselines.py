@@ -1,103 +1,79 @@
-"""Time and memory of the learned baselines on this machine's CPU, as a Markdown table.
+"""Time and memory of the learned baselines on this machine's CPU.
 
     python -m benchmarks.baselines --size 608x448 --threads 2
 
-Weights are random, which changes neither time nor memory, and 5 % of the pixels are measured. Each
-method runs in a process of its own: two warm-up frames, then the timed ones. Memory is the largest
-resident set of that process, the libraries included.
+Weights are random, which changes neither time nor memory, and 5 % of the pixels are measured.
 """
 
-import argparse
-import os
-import platform
-import resource
-import statistics
 import tempfile
-import time
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import typer
 from torch import nn
 
+from benchmarks.measuring import (
+    Force,
+    describe,
+    idle_machine,
+    markdown_table,
+    measure_interleaved,
+    ratio_cell,
+    write_json,
+)
+from benchmarks.subjects import PAPER_FRACTION, sample_frame
 from steered_marigold.methods.bpnet import BPNet, BPNetCompleter
-from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
 
 METHODS: dict[str, tuple[type[nn.Module], type[BPNetCompleter | CompletionFormerCompleter]]] = {
     "bpnet": (BPNet, BPNetCompleter),
     "completionformer": (CompletionFormer, CompletionFormerCompleter),
 }
-WARM_UP = 2
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """seconds: of each timed frame. peak_mib: largest resident set [MiB]."""
-
-    seconds: list[float]
-    peak_mib: float
-
-
-def measure(
-    method: str, weights: Path, *, width: int, height: int, frames: int, threads: int
-) -> Measurement:
-    """Completes the same random frame again and again."""
+def main(
+    size: Annotated[str, typer.Option(help="Width x height in pixels.")] = "608x448",
+    repeats: Annotated[int, typer.Option(min=1, help="Timed frames of each method.")] = 5,
+    threads: Annotated[int, typer.Option(min=1)] = 2,
+    output: Annotated[Path, typer.Option(help="Folder of the JSON file.")] = Path("runs/bench"),
+    force: Force = False,
+) -> None:
+    """BP-Net and CompletionFormer on one frame, in turn."""
+    record = idle_machine(threads, force=force)
     torch.set_num_threads(threads)
-    generator = torch.Generator().manual_seed(0)
-    image = torch.randint(256, (height, width, 3), dtype=torch.uint8, generator=generator)
-    valid_mask = torch.rand(height, width, generator=generator) < 0.05
-    sparse_depth = 1 + 4 * torch.rand(height, width, generator=generator)
+    width, height = map(int, size.split("x"))
+    frame = sample_frame(width, height, round(PAPER_FRACTION * width * height))
     K = torch.tensor([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])
-    completer: DepthCompleter = METHODS[method][1](weights)
-    seconds = []
-    for _ in range(WARM_UP + frames):
-        start = time.perf_counter()
-        completer.complete(image, sparse_depth, valid_mask, K)
-        seconds.append(time.perf_counter() - start)
-    peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return Measurement(seconds[WARM_UP:], peak_kib / 1024)
+    parameters, works = {}, {}
+    for name, (network_type, completer_type) in METHODS.items():
+        network = network_type()
+        parameters[name] = sum(parameter.numel() for parameter in network.parameters())
+        completer = with_weights(completer_type, network)
+        works[name] = partial(completer.complete, frame.image, frame.sparse_depth, frame.mask, K)
+    timings = measure_interleaved(works, warm_up=2, repeats=repeats)
+    rows = [
+        (name, f"{parameters[name] / 1e6:.1f} M", *t.cells, ratio_cell(t, timings["bpnet"]))
+        for name, t in timings.items()
+    ]
+    header = ("method", "parameters", "median s", "spread s", "memory MiB", "times faster")
+    print(f"{size}, {int(frame.mask.sum())} measurements, {repeats} repeats; {describe(record)}\n")
+    print(markdown_table(header, rows))
+    settings = {"size": size, "warm_up": 2, "repeats": repeats, "seed": 0}
+    content = {"machine": record, "settings": settings, "methods": timings}
+    write_json(output / "baselines.json", content)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--size", default="608x448", help="width x height [px]")
-    parser.add_argument("--frames", type=int, default=5, help="timed frames of each method")
-    parser.add_argument("--threads", type=int, default=2)
-    arguments = parser.parse_args()
-    width, height = map(int, arguments.size.split("x"))
-
-    print(
-        f"{arguments.size}, 5 % measured, seed 0, {WARM_UP} warm-up and {arguments.frames} timed "
-        f"frames, {arguments.threads} threads of {os.cpu_count()} cores, {platform.machine()}, "
-        f"torch {torch.__version__}\n"
-    )
-    print("| method | parameters | median s | fastest s | slowest s | peak memory MiB |")
-    print("|---|---|---|---|---|---|")
-    for method, (network_type, _) in METHODS.items():
-        with tempfile.TemporaryDirectory() as folder:
-            weights = Path(folder) / "random.pth"
-            network = network_type()
-            torch.save(network.state_dict(), weights)
-            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                measurement = pool.submit(
-                    measure,
-                    method,
-                    weights,
-                    width=width,
-                    height=height,
-                    frames=arguments.frames,
-                    threads=arguments.threads,
-                ).result()
-        parameters = sum(parameter.numel() for parameter in network.parameters())
-        seconds = measurement.seconds
-        print(
-            f"| {method} | {parameters / 1e6:.1f} M | {statistics.median(seconds):.2f} | "
-            f"{min(seconds):.2f} | {max(seconds):.2f} | {measurement.peak_mib:.0f} |"
-        )
+def with_weights(
+    completer_type: type[BPNetCompleter | CompletionFormerCompleter], network: nn.Module
+) -> BPNetCompleter | CompletionFormerCompleter:
+    """The completer, with a network's random weights in place of its authors'."""
+    with tempfile.TemporaryDirectory() as folder:
+        weights = Path(folder) / "random.pth"
+        torch.save(network.state_dict(), weights)
+        return completer_type(weights)
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

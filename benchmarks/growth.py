@@ -20,7 +20,15 @@ import torch
 import typer
 from matplotlib.figure import Figure
 
-from benchmarks.measuring import Timing, machine, markdown_table, measure, write_json
+from benchmarks.measuring import (
+    Force,
+    Timing,
+    describe,
+    idle_machine,
+    markdown_table,
+    measure,
+    write_json,
+)
 from benchmarks.subjects import embedded_pipeline, sample_frame
 from steered_marigold.io.files import atomic_write
 
@@ -191,10 +199,13 @@ def main(
     largest: Annotated[float, typer.Option(min=0.5, help="Largest image in megapixels.")] = 8.0,
     repeats: Annotated[
         int, typer.Option(min=1, help="Timed runs of a call under 8 s; a longer one runs once.")
-    ] = 3,
+    ] = 5,
     threads: Annotated[int, typer.Option(min=1)] = 2,
+    force: Force = False,
 ) -> None:
     """How time and memory of the embedded checkpoint grow, with the fitted exponents."""
+    machine = idle_machine(threads, force=force)
+    print(f"{describe(machine)}\n")
     output.mkdir(parents=True, exist_ok=True)
     growths = []
     for number, (sweep, points) in enumerate(sweeps(largest).items(), start=1):
@@ -208,7 +219,7 @@ def main(
     print(point_table(growths))
     print(f"\n{exponent_table(growths)}")
     record = [{**asdict(growth), "exponents": growth.exponents()} for growth in growths]
-    write_json(output / "growth.json", {"machine": machine(threads), "growth": record})
+    write_json(output / "growth.json", {"machine": machine, "growth": record})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Time, memory, machine, tables and files of the benchmarks.
+"""Time, memory, the idle machine, tables and files of the benchmarks.
 
 Needs Linux with glibc (/proc, malloc_trim); loads no torch.
 """
@@ -15,11 +15,23 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
+
+import typer
 
 from steered_marigold.io.files import atomic_write
 
 Key = TypeVar("Key", bound=Hashable)
+Force = Annotated[
+    bool,
+    typer.Option(
+        envvar="BENCHMARK_FORCE", help="Measure on a busy machine too; the record says so."
+    ),
+]
+# processes that run or wait for a core, on average over the last minute
+IDLE_LOAD = 0.3
+# after a benchmark of two threads the load takes two minutes to fall
+PATIENCE_S = 300.0
 _STATUS = Path("/proc/self/status")
 _MIB = 1024
 
@@ -41,6 +53,10 @@ class Timing:
         """Median and spread [s] and memory [MiB], for a table."""
         spread = f"{min(self.seconds):.3g} to {max(self.seconds):.3g}"
         return f"{self.median:.3g}", spread, f"{self.peak_mib:.0f}"
+
+    def times_faster(self, than: "Timing | None") -> float | None:
+        """The ratio of the medians; None without a timing to compare with."""
+        return None if than is None else than.median / self.median
 
 
 def measure(work: Callable[[], object], *, repeats: int) -> Timing:
@@ -99,21 +115,54 @@ def _status(key: str) -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith(f"{key}:"))
 
 
-def machine(threads: int) -> dict[str, Any]:
-    """What figures depend on besides the code."""
+def idle_machine(threads: int, *, force: bool, patience_s: float = PATIENCE_S) -> dict[str, Any]:
+    """What figures depend on besides the code, on a machine that does nothing else.
+
+    Waits until the load is at most IDLE_LOAD. Exits with a message if it is not after so many
+    seconds; force: begins at once whatever it is, and says so in the record.
+    """
+    begin = time.monotonic()
+    while (load := os.getloadavg()[0]) > IDLE_LOAD and not force:
+        if time.monotonic() - begin >= patience_s:
+            raise SystemExit(
+                f"the load is {load:.2f}, and times count on an idle machine alone (at most "
+                f"{IDLE_LOAD}): stop what else runs, or give --force, which the record will say"
+            )
+        time.sleep(5)
+    return {**machine(), "threads": threads, "load_at_start": load, "forced": force}
+
+
+def machine() -> dict[str, Any]:
+    """The date, the hardware and the versions."""
     cpus = Path("/proc/cpuinfo").read_text().splitlines()
     names = {line.partition(":")[2].strip() for line in cpus if line.startswith("model name")}
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    packages = ("steered-marigold", "torch", "diffusers", "scipy", "numpy")
+    packages = (
+        "steered-marigold",
+        "torch",
+        "diffusers",
+        "scipy",
+        "numpy",
+        "opencv-python-headless",
+    )
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "processor": ", ".join(sorted(names)) or platform.machine(),
         "cores": os.cpu_count(),
-        "threads": threads,
         "memory_gib": round(memory / 2**30, 1),
         "python": platform.python_version(),
         **{package: version(package) for package in packages},
     }
+
+
+def describe(record: Mapping[str, Any]) -> str:
+    """The machine of a record in one line, for the head of a table."""
+    forced = ", busy machine (--force)" if record["forced"] else ""
+    return (
+        f"{record['processor']}, {record['threads']} threads of {record['cores']} cores, "
+        f"{record['memory_gib']} GiB, torch {record['torch']}, {record['date'][:10]}, "
+        f"load {record['load_at_start']:.2f} at the start{forced}"
+    )
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -127,6 +176,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else asdict(value)
+
+
+def ratio_cell(timing: Timing, than: Timing | None) -> str:
+    """How many times faster than another, for a table."""
+    ratio = timing.times_faster(than)
+    return "" if ratio is None else f"{ratio:.3g}"
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

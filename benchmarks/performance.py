@@ -18,10 +18,12 @@ import typer
 
 from benchmarks import reference
 from benchmarks.measuring import (
-    Timing,
-    machine,
+    Force,
+    describe,
+    idle_machine,
     markdown_table,
     measure_interleaved,
+    ratio_cell,
     write_json,
 )
 from benchmarks.runs import OURS, REFERENCE, RUNS, run_pipeline, run_reference
@@ -58,10 +60,13 @@ def main(
     full_steps: Annotated[
         int, typer.Option(help="Steps of a full checkpoint where a preset leaves them to it.")
     ] = 4,
-    repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each variant.")] = 2,
+    repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each variant.")] = 5,
     threads: Annotated[int, typer.Option(min=1)] = 2,
+    force: Force = False,
 ) -> None:
     """Stages and whole images at embedded and at full size, against the authors' procedure."""
+    machine = idle_machine(threads, force=force)
+    print(f"{describe(machine)}\n")
     torch.set_num_threads(threads)
     for scale in scales or list(Scale):
         if scale is Scale.EMBEDDED:
@@ -69,7 +74,7 @@ def main(
         else:
             content = measure_full_size(full_size, full_steps, repeats)
         settings = {"scale": scale, "warm_up": 1, "repeats": repeats, "seed": 0}
-        record = {"machine": machine(threads), "settings": settings, **content}
+        record = {"machine": machine, "settings": settings, **content}
         write_json(output / f"performance-{scale}.json", record)
 
 
@@ -125,7 +130,7 @@ def stage_table(stages: Timings) -> str:
     """Each stage and variant, with how many times faster than the reference it is."""
     header = ("stage", "variant", "median s", "spread s", "memory MiB", "times faster")
     rows = [
-        (stage, variant, *timing.cells, _ratio(timings.get(REFERENCE), timing))
+        (stage, variant, *timing.cells, ratio_cell(timing, timings.get(REFERENCE)))
         for stage, timings in stages.items()
         for variant, timing in timings.items()
     ]
@@ -157,7 +162,7 @@ def image_table(rows: Sequence[Mapping[str, Any]]) -> str:
         [
             (
                 *(row["run"], row["precision"], *row["measured"].cells),
-                _ratio(rows[0]["measured"], row["measured"]),
+                ratio_cell(row["measured"], rows[0]["measured"]),
                 f"{row['seconds']:.3g}",
             )
             for row in rows
@@ -220,10 +225,6 @@ def _channels_last(pipeline: SteeredMarigoldPipeline) -> SteeredMarigoldPipeline
     for model in (pipeline.unet, pipeline.vae, pipeline.image_encoder):
         model.to(memory_format=torch.channels_last)
     return pipeline
-
-
-def _ratio(reference_timing: Timing | None, timing: Timing) -> str:
-    return "" if reference_timing is None else f"{reference_timing.median / timing.median:.3g}"
 
 
 if __name__ == "__main__":

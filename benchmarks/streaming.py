@@ -18,7 +18,7 @@ import torch
 import typer
 from torch import Tensor
 
-from benchmarks.measuring import machine, markdown_table, write_json
+from benchmarks.measuring import Force, describe, idle_machine, markdown_table, write_json
 from rooms.render import RoomFrame, camera_path
 from rooms.sensor import sensor_holes
 from steered_marigold.core.completion import DepthCompletion
@@ -79,8 +79,11 @@ def main(
     steps: Annotated[int, typer.Option(help="Denoising steps of the first frame.")] = 2,
     threads: Annotated[int, typer.Option()] = 2,
     output: Annotated[Path, typer.Option(help="Folder of the JSON file.")] = Path("runs/bench"),
+    force: Force = False,
 ) -> None:
     """Time, error and flicker in the holes, of each way through the same frames."""
+    machine = idle_machine(threads, force=force)
+    print(f"{describe(machine)}\n")
     torch.set_num_threads(threads)
     methods = completers(steps)
     figures: dict[str, list[tuple[float, float, float]]] = {name: [] for name in methods}
@@ -99,7 +102,7 @@ def main(
     header = ("method", "s / frame", "abs_rel", "flicker")
     cells = [(name, f"{s:.3f}", f"{e:.4f}", f"{c:.4f}") for name, (s, e, c) in rows.items()]
     print(markdown_table(header, cells))
-    write_json(output / "streaming.json", {"machine": machine(threads), "rows": rows})
+    write_json(output / "streaming.json", {"machine": machine, "rows": rows})
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ class BenchmarkFrame:
 
 def sample_frame(width: int, height: int, points: int) -> BenchmarkFrame:
     """The package's sample, stretched to a size [px], with so many measurements at random."""
-    image = read_image(SAMPLE / "image.jpg").numpy()
+    image = read_image(SAMPLE / "image.jpg").pixels.numpy()
     measured = read_depth(SAMPLE / "depth.png")
     nearest = distance_transform_edt(
         ~measured.valid_mask.numpy(), return_distances=False, return_indices=True
@@ -81,7 +81,7 @@ def sample_frame(width: int, height: int, points: int) -> BenchmarkFrame:
 def read_frame(folder: Path) -> BenchmarkFrame:
     """The sensor frame in a folder with an image named rgb and depth.png."""
     measured = read_depth(folder / "depth.png")
-    image = read_image(next(folder.glob("rgb.*")))
+    image = read_image(next(folder.glob("rgb.*"))).pixels
     return BenchmarkFrame(image, measured.depth, measured.valid_mask)
 
 

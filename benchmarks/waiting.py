@@ -19,7 +19,16 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks.measuring import Timing, machine, markdown_table, measure, peak_mib, write_json
+from benchmarks.measuring import (
+    Force,
+    Timing,
+    describe,
+    idle_machine,
+    markdown_table,
+    measure,
+    peak_mib,
+    write_json,
+)
 
 COMMAND = Path(sys.executable).with_name("steered-marigold")
 PRESETS = ("default", "fast")
@@ -136,13 +145,16 @@ def main(
     ] = Path("../shared/data/real_frames/realsense_2"),
     repeats: Annotated[int, typer.Option(min=1, help="Timed runs of each.")] = 5,
     threads: Annotated[int, typer.Option(min=1)] = 2,
+    force: Force = False,
 ) -> None:
     """Cold start of the command, and 640x480 frames with the embedded checkpoint loaded."""
+    machine = idle_machine(threads, force=force)
+    print(f"{describe(machine)}\n")
     commands = time_commands(repeats, threads)
     print(f"{command_table(commands)}\n")
     frames = time_frames(frame, repeats, threads)
     print(frame_table(frames))
-    record = {"machine": machine(threads), "commands": commands, "frames": frames}
+    record = {"machine": machine, "commands": commands, "frames": frames}
     write_json(output / "waiting.json", record)
 
 

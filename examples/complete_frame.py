@@ -19,7 +19,7 @@ SAMPLE = Path(str(files("steered_marigold") / "assets" / "sample"))
 
 def main(output: Path) -> DepthCompletion:
     """Completes the sample, prints a summary, writes two files into `output`."""
-    image = read_image(SAMPLE / "image.jpg")  # uint8 [height, width, 3]
+    image = read_image(SAMPLE / "image.jpg").pixels  # uint8 [height, width, 3]
     sensor = read_depth(SAMPLE / "depth.png")  # metres, and a mask of what was measured
 
     completer = SteeredCompleter.from_checkpoint("embedded", preset="fast", device="cpu")
@@ -36,7 +36,7 @@ def main(output: Path) -> DepthCompletion:
 
     output.mkdir(parents=True, exist_ok=True)
     write_depth(output / "depth.exr", depth)
-    K = read_intrinsics(SAMPLE / "intrinsics.txt")
+    K = read_intrinsics(SAMPLE / "intrinsics.txt").K
     kept = torch.where(sure, depth, 0.0)  # 0 is "unknown" in files and clouds
     write_point_cloud(output / "cloud.ply", point_cloud(kept, image, K))
     return completion

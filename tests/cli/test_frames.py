@@ -50,7 +50,7 @@ def test_everything_asked_for_is_written_and_recorded(
     assert (record["seed"], record["steps"], record["dtype"]) == (3, 1, "float32")
     assert (record["trusted"], record["untrusted"]) == (int(measured.valid_mask.sum()), 0)
     assert record["points"] == len(read_point_cloud(tmp_path / "cloud.ply").points) == depth.size
-    assert record["treated_as_missing"]["zero"] == measured.missing.zero
+    assert record["treated_as_missing"]["zero"] == measured.missing["zero"]
     for name in ("output", "uncertainty", "visualization", "point_cloud"):
         assert Path(record[name]).stat().st_size > 0
     json.dumps(record, allow_nan=False)

@@ -30,7 +30,7 @@ def picture(name: str) -> Picture:
     if name == "sample":
         sample = Path(str(files("steered_marigold") / "assets" / "sample"))
         sensor = read_depth(sample / "depth.png")
-        return read_image(sample / "image.jpg"), sensor.depth, sensor.valid_mask
+        return read_image(sample / "image.jpg").pixels, sensor.depth, sensor.valid_mask
     return {"corridor": _corridor, "table": _table}[name]()
 
 

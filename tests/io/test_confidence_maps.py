@@ -9,18 +9,44 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.confidence_maps import read_confidence
+from steered_marigold.io.confidence_maps import ConfidenceMap, read_confidence
 
 
 @pytest.mark.parametrize(("dtype", "white"), [(np.uint8, 255), (np.uint16, 65535)])
 def test_png_is_scaled_by_its_full_range(tmp_path: Path, dtype: type, white: int) -> None:
     Image.fromarray(np.array([[0, white // 5, white]], dtype)).save(tmp_path / "a.png")
-    assert read_confidence(tmp_path / "a.png").tolist() == [[0, pytest.approx(0.2), 1]]
+    assert read_confidence(tmp_path / "a.png").confidence.tolist() == [[0, pytest.approx(0.2), 1]]
 
 
 def test_floats_are_taken_as_they_are(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.array([[[0.0, 0.25, 1.0]]]))
-    assert read_confidence(tmp_path / "a.npy").tolist() == [[0, 0.25, 1]]
+    assert read_confidence(tmp_path / "a.npy").confidence.tolist() == [[0, 0.25, 1]]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy"])
+def test_levels_of_phones_are_weights(tmp_path: Path, suffix: str) -> None:
+    def read(levels: list[int]) -> ConfidenceMap:
+        array = np.array([levels], np.uint8)
+        path = tmp_path / f"a{suffix}"
+        Image.fromarray(array).save(path) if suffix == ".png" else np.save(path, array)
+        return read_confidence(path)
+
+    levels = read([0, 1, 2, 2])
+    assert levels.confidence.tolist() == [[0, 0.5, 1, 1]]
+    assert [note.kind for note in levels.notes] == ["confidence_levels"]
+    assert read([2, 2]).confidence.tolist() == [[1, 1]]
+    mask = read([0, 1, 1])
+    assert mask.confidence.tolist() == [[0, 1, 1]]
+    assert "only 0 and 1" in mask.notes[0].text
+
+
+def test_a_map_that_never_comes_near_white_is_doubted(tmp_path: Path) -> None:
+    Image.fromarray(np.array([[0, 50, 100]], np.uint8)).save(tmp_path / "a.png")
+    doubtful = read_confidence(tmp_path / "a.png")
+    assert [note.kind for note in doubtful.notes] == ["confidence_low"]
+    assert doubtful.confidence.max() == pytest.approx(100 / 255)
+    Image.fromarray(np.array([[0, 50, 200]], np.uint8)).save(tmp_path / "a.png")
+    assert read_confidence(tmp_path / "a.png").notes == ()
 
 
 @pytest.mark.parametrize(
@@ -28,7 +54,8 @@ def test_floats_are_taken_as_they_are(tmp_path: Path) -> None:
     [
         (np.array([[0.0, 1.5]]), "0..1"),
         (np.array([[np.nan, 0.5]]), "0..1"),
-        (np.array([[0, 1]]), "must be floats"),
+        (np.array([[0, 3]]), "must be floats"),
+        (np.array([[-1, 1]]), "must be floats"),
         (np.zeros((4, 5, 3)), "must be floats"),
     ],
 )

@@ -17,7 +17,6 @@ from PIL import Image
 
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.io.depth_maps import (
-    implausible_scale,
     read_depth,
     write_depth,
     write_saturating,
@@ -41,6 +40,11 @@ def _save(path: Path, array: NDArray[Any]) -> Path:
     return path
 
 
+def _missing(**counts: int) -> dict[str, int]:
+    reasons = ("zero", "negative", "non_finite", "saturated", "beyond_limits", "beyond_max_depth")
+    return dict.fromkeys(reasons, 0) | counts
+
+
 @pytest.mark.parametrize("suffix", FLOAT_SUFFIXES)
 def test_float_formats_keep_every_bit(tmp_path: Path, suffix: str) -> None:
     depth = _depth()
@@ -48,7 +52,7 @@ def test_float_formats_keep_every_bit(tmp_path: Path, suffix: str) -> None:
     back = read_depth(tmp_path / f"a{suffix}")
     assert torch.equal(back.depth, depth)
     assert torch.equal(back.valid_mask, depth > 0)
-    assert back.missing.zero == int((depth == 0).sum())
+    assert back.missing["zero"] == int((depth == 0).sum())
     assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
 
 
@@ -97,14 +101,28 @@ def test_each_reason_for_missing_is_counted_once(tmp_path: Path) -> None:
     assert back.valid_mask.tolist() == [[False, True, True, False, False, False]]
     assert back.depth[0, 2] == pytest.approx(1.5)
     missing = back.missing
-    assert (missing.zero, missing.saturated, missing.beyond_max_depth) == (1, 1, 2)
+    assert missing == _missing(zero=1, saturated=1, beyond_max_depth=2)
 
-    floats = np.array([[0, -0.5, np.nan, np.inf, -np.inf, 3.0, 65535.0, 1e300]])
+    floats = np.array([[0, -0.5, np.nan, np.inf, -np.inf, 3.0, 65535.0, 1e300, 1e-42, 0.0009]])
     back = read_depth(_save(tmp_path / "a.npy", floats))
-    assert back.valid_mask.tolist() == [[False] * 5 + [True, True, False]]
-    missing = back.missing
-    assert (missing.zero, missing.negative, missing.non_finite, missing.saturated) == (1, 1, 4, 0)
-    assert torch.equal(back.depth[~back.valid_mask], torch.zeros(6))
+    assert back.valid_mask.tolist() == [[False] * 5 + [True, True] + [False] * 3]
+    assert back.missing == _missing(zero=1, negative=1, non_finite=3, beyond_limits=3)
+    assert torch.equal(back.depth[~back.valid_mask], torch.zeros(8))
+
+
+@given(
+    values=arrays(np.float32, (3, 4), elements=st.floats(width=32, allow_subnormal=True)),
+    max_depth=st.floats(0.01, 1e6),
+)
+def test_every_float_is_valid_or_missing_for_one_reason(
+    tmp_path_factory: pytest.TempPathFactory, values: NDArray[Any], max_depth: float
+) -> None:
+    path = _save(tmp_path_factory.mktemp("floats") / "a.npy", values)
+    back = read_depth(path, max_depth=max_depth)
+    assert int(back.valid_mask.sum()) + sum(back.missing.values()) == values.size
+    measured = back.depth[back.valid_mask].double()
+    assert bool(((measured >= 0.00099999) & (measured <= 1e5)).all())
+    assert not back.depth[~back.valid_mask].any()
 
 
 @pytest.mark.parametrize(
@@ -137,7 +155,7 @@ def test_a_single_row_is_not_squeezed_away(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "LA", "P"])
 def test_several_channels_cannot_be_metric(tmp_path: Path, mode: str) -> None:
-    Image.new("RGB", (5, 4)).convert(mode).save(tmp_path / "a.png")
+    Image.new("RGB", (5, 4), (9, 90, 200)).convert(mode).save(tmp_path / "a.png")
     with pytest.raises(FileFormatError, match=r"a\.png.*several channels.*no metres"):
         read_depth(tmp_path / "a.png")
 
@@ -153,8 +171,9 @@ def test_8_bits_cannot_be_metric(tmp_path: Path, mode: str, suffix: str) -> None
 @pytest.mark.parametrize(
     "array",
     [
-        np.zeros((4, 5, 3)),
+        np.arange(60.0).reshape(4, 5, 3),
         np.zeros((4, 5), np.uint8),
+        np.zeros((4, 5, 3), np.uint8),
         np.zeros((4, 5), bool),
         np.zeros((4, 5), complex),
         np.zeros(7),
@@ -170,7 +189,8 @@ def test_arrays_that_are_no_depth(tmp_path: Path, array: NDArray[Any]) -> None:
 def test_an_exr_of_colours_is_refused_and_one_with_z_is_read(tmp_path: Path) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     plane = np.full((4, 5), 2.0, np.float32)
-    OpenEXR.File(header, {"RGB": np.zeros((4, 5, 3), np.float32)}).write(str(tmp_path / "a.exr"))
+    colours = np.arange(60, dtype=np.float32).reshape(4, 5, 3)
+    OpenEXR.File(header, {"RGB": colours}).write(str(tmp_path / "a.exr"))
     with pytest.raises(FileFormatError, match="channels"):
         read_depth(tmp_path / "a.exr")
     OpenEXR.File(header, {"Z": plane, "A": plane * 0}).write(str(tmp_path / "a.exr"))
@@ -218,9 +238,9 @@ def test_missing_files_folders_and_unknown_extensions(tmp_path: Path) -> None:
         read_depth(tmp_path / "a.png")
     with pytest.raises(FileFormatError, match="is a folder"):
         read_depth(tmp_path)
-    (tmp_path / "a.pfm").write_bytes(b"")
-    with pytest.raises(FileFormatError, match=r"'\.pfm'; use one of \.png"):
-        read_depth(tmp_path / "a.pfm")
+    (tmp_path / "a.mat").write_bytes(b"")
+    with pytest.raises(FileFormatError, match=r"'\.mat'; use one of \.png"):
+        read_depth(tmp_path / "a.mat")
     with pytest.raises(FileFormatError, match=r"'\.jpg'; use one of \.png"):
         write_depth(tmp_path / "a.jpg", _depth())
 
@@ -257,14 +277,11 @@ def test_scales_and_limits_are_positive(tmp_path: Path, bad: float) -> None:
         write_depth(path, _depth(), output_scale=bad)
 
 
-@pytest.mark.parametrize(("metres", "plausible"), [(0.001, False), (0.5, True), (1500.0, False)])
-def test_a_wrong_scale_is_suspected(tmp_path: Path, metres: float, plausible: bool) -> None:
-    path = _save(tmp_path / "a.npy", np.array([[0.0, metres, metres, metres]]))
-    assert (implausible_scale(read_depth(path)) is None) is plausible
-
-
-def test_nothing_measured_is_not_suspicious(tmp_path: Path) -> None:
-    assert implausible_scale(read_depth(_save(tmp_path / "a.npy", np.zeros((2, 2))))) is None
+def test_a_scale_the_wrong_way_round_writes_no_empty_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no depth fits.*`output_scale`"):
+        write_depth(tmp_path / "a.png", _depth(), output_scale=1000.0)
+    assert not list(tmp_path.iterdir())
+    assert write_depth(tmp_path / "a.png", torch.zeros(SIZE), output_scale=1000.0) == 0
 
 
 def test_real_frames(real_frames: Path) -> None:
@@ -276,5 +293,5 @@ def test_real_frames(real_frames: Path) -> None:
         np.load(real_frames / "void_150_1" / "depth.npy")
     )
     far = read_depth(real_frames / "realsense_3" / "depth.png", max_depth=10.0)
-    assert far.missing.beyond_max_depth > 0
+    assert far.missing["beyond_max_depth"] > 0
     assert float(far.depth.max()) <= 10

@@ -1,10 +1,15 @@
 """Images of every kind become 8-bit RGB."""
 
 import io
+import struct
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+import torch
+from numpy.typing import NDArray
 from PIL import Image
 
 from steered_marigold.errors import FileFormatError
@@ -16,7 +21,7 @@ GREY = COLOURS[..., 0]
 
 def _read(tmp_path: Path, picture: Image.Image, name: str = "a.png") -> np.ndarray:
     picture.save(tmp_path / name)
-    return read_image(tmp_path / name).numpy()
+    return read_image(tmp_path / name).pixels.numpy()
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.bmp", "a.tiff", "a.ppm"])
@@ -42,7 +47,7 @@ def test_palettes_are_looked_up(tmp_path: Path) -> None:
     expected = np.array(picture.getpalette(), np.uint8).reshape(-1, 3)[GREY // 64]
     assert np.array_equal(_read(tmp_path, picture), expected)
     picture.save(tmp_path / "b.png", transparency=1)
-    assert np.array_equal(read_image(tmp_path / "b.png").numpy(), expected)
+    assert np.array_equal(read_image(tmp_path / "b.png").pixels.numpy(), expected)
 
 
 def test_bilevel_images(tmp_path: Path) -> None:
@@ -50,13 +55,20 @@ def test_bilevel_images(tmp_path: Path) -> None:
     assert np.array_equal(image[..., 0], np.where(GREY > 128, 255, 0))
 
 
-def test_16_bit_colour_keeps_its_high_byte(tmp_path: Path) -> None:
-    import cv2
+def _save_deep_colour(path: Path, deep: NDArray[Any]) -> None:
+    """16 bits a channel; a .ppm is written from its definition."""
+    if path.suffix == ".ppm":
+        header = f"P6\n# written by a test\n{deep.shape[1]} {deep.shape[0]}\n65535\n"
+        path.write_bytes(header.encode() + deep.astype(">u2").tobytes())
+    else:
+        cv2.imwrite(str(path), deep[..., ::-1])
 
+
+def test_16_bit_colour_keeps_its_high_byte(tmp_path: Path) -> None:
     deep = COLOURS.astype(np.uint16) * 257
-    for name in ("a.png", "a.tiff"):
-        cv2.imwrite(str(tmp_path / name), deep[..., ::-1])
-        assert np.array_equal(read_image(tmp_path / name).numpy(), COLOURS)
+    for name in ("a.png", "a.tiff", "a.ppm"):
+        _save_deep_colour(tmp_path / name, deep)
+        assert np.array_equal(read_image(tmp_path / name).pixels.numpy(), COLOURS)
 
 
 @pytest.mark.parametrize("brightest", [1023, 65535])
@@ -92,13 +104,13 @@ def test_exif_orientation_is_applied(tmp_path: Path, orientation: int) -> None:
         7: COLOURS.transpose(1, 0, 2)[::-1, ::-1],
         8: COLOURS.transpose(1, 0, 2)[::-1],
     }
-    assert np.array_equal(read_image(tmp_path / "a.png").numpy(), seen[orientation])
+    assert np.array_equal(read_image(tmp_path / "a.png").pixels.numpy(), seen[orientation])
 
 
 def test_the_multi_picture_jpeg_of_phones(tmp_path: Path) -> None:
     smooth = Image.new("RGB", (16, 8), (200, 100, 50))
     smooth.save(tmp_path / "a.jpg", format="MPO", save_all=True, append_images=[smooth])
-    image = read_image(tmp_path / "a.jpg").numpy().astype(int)
+    image = read_image(tmp_path / "a.jpg").pixels.numpy().astype(int)
     assert image.shape == (8, 16, 3)
     assert np.abs(image - (200, 100, 50)).max() < 4
 
@@ -107,6 +119,91 @@ def test_floats_are_no_image(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((4, 5), np.float32)).save(tmp_path / "a.tiff")
     with pytest.raises(FileFormatError, match="8 or 16 bits"):
         read_image(tmp_path / "a.tiff")
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14])
+@pytest.mark.parametrize("name", ["a.png", "a.tiff", "a.ppm"])
+def test_colour_of_a_few_more_than_8_bits_is_not_dark(tmp_path: Path, name: str, bits: int) -> None:
+    deep = (COLOURS.astype(np.uint16) << (bits - 8)) + 1
+    deep[0, 0] = 2**bits - 1
+    _save_deep_colour(tmp_path / name, deep)
+    image = read_image(tmp_path / name)
+    assert np.array_equal(image.pixels.numpy(), deep >> (bits - 8))
+    assert [note.kind for note in image.notes] == ["colour_stretched"]
+    assert f"{bits}-bit" in image.notes[0].text
+
+
+def test_what_is_read_as_written_has_no_notes(tmp_path: Path) -> None:
+    for picture in (
+        Image.fromarray(COLOURS), Image.fromarray(GREY), Image.fromarray(COLOURS).convert("P"),
+        Image.fromarray(np.dstack([COLOURS, GREY]), "RGBA"),
+    ):  # fmt: skip
+        picture.save(tmp_path / "a.png")
+        assert read_image(tmp_path / "a.png").notes == ()
+    _save_deep_colour(tmp_path / "a.png", COLOURS.astype(np.uint16) * 257)
+    assert read_image(tmp_path / "a.png").notes == ()
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tiff"])
+@pytest.mark.parametrize(("orientation", "word"), [(6, "90 degrees clockwise"), (3, "180")])
+def test_a_turned_image_says_so(tmp_path: Path, name: str, orientation: int, word: str) -> None:
+    picture = Image.new("RGB", (16, 8), (200, 100, 50))
+    exif = picture.getexif()
+    exif[0x0112] = orientation
+    picture.save(tmp_path / name, exif=exif)
+    image = read_image(tmp_path / name)
+    assert image.pixels.shape == ((16, 8, 3) if orientation == 6 else (8, 16, 3))
+    assert [note.kind for note in image.notes] == ["image_turned"]
+    assert word in image.notes[0].text
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_deep_colour_is_turned_too(tmp_path: Path, orientation: int) -> None:
+    tagged = Image.fromarray(COLOURS)
+    exif = tagged.getexif()
+    exif[0x0112] = orientation
+    for name in ("a.png", "a.tiff"):
+        tagged.save(tmp_path / f"8{name}", exif=exif)
+    _save_deep_colour(tmp_path / "a.png", COLOURS.astype(np.uint16) * 257)
+    content = (tmp_path / "a.png").read_bytes()
+    chunk = (tmp_path / "8a.png").read_bytes()
+    start = chunk.index(b"eXIf") - 4
+    length = int.from_bytes(chunk[start : start + 4], "big") + 12
+    (tmp_path / "a.png").write_bytes(content[:33] + chunk[start : start + length] + content[33:])
+    expected = read_image(tmp_path / "8a.png")
+    assert torch.equal(read_image(tmp_path / "a.png").pixels, expected.pixels)
+    assert torch.equal(read_image(tmp_path / "8a.tiff").pixels, expected.pixels)
+    assert read_image(tmp_path / "a.png").notes == expected.notes
+
+
+def test_a_deep_tiff_is_turned_once(tmp_path: Path) -> None:
+    """A TIFF of 16-bit colour, written byte by byte, with the orientation tag."""
+    deep = COLOURS.astype("<u2") * 257
+    height, width = deep.shape[:2]
+    tags = [
+        (256, 3, 1, width), (257, 3, 1, height), (258, 3, 3, 8 + 2 + 9 * 12 + 4), (259, 3, 1, 1),
+        (262, 3, 1, 2), (273, 4, 1, 8 + 2 + 9 * 12 + 4 + 6), (274, 3, 1, 6), (277, 3, 1, 3),
+        (279, 4, 1, deep.nbytes),
+    ]  # fmt: skip
+    content = struct.pack("<2sHIH", b"II", 42, 8, len(tags))
+    content += b"".join(struct.pack("<HHII", *tag) for tag in tags)
+    content += struct.pack("<IHHH", 0, 16, 16, 16) + deep.tobytes()
+    (tmp_path / "a.tiff").write_bytes(content)
+    image = read_image(tmp_path / "a.tiff")
+    assert np.array_equal(image.pixels.numpy(), COLOURS.transpose(1, 0, 2)[:, ::-1])
+    assert [note.kind for note in image.notes] == ["image_turned"]
+
+
+def test_heic_of_phones(tmp_path: Path) -> None:
+    pillow_heif = pytest.importorskip("pillow_heif")
+    smooth = np.full((64, 96, 3), (200, 100, 50), np.uint8)
+    pillow_heif.from_pillow(Image.fromarray(smooth)).save(tmp_path / "a.heic")
+    image = read_image(tmp_path / "a.heic").pixels.int()
+    assert image.shape == (64, 96, 3)
+    assert int((image - torch.from_numpy(smooth).int()).abs().max()) < 8
+    (tmp_path / "b.heic").write_bytes(b"no heic")
+    with pytest.raises(FileFormatError, match="damaged"):
+        read_image(tmp_path / "b.heic")
 
 
 def test_missing_and_foreign_files(tmp_path: Path) -> None:
@@ -135,4 +232,4 @@ def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
 
 
 def test_real_frames(real_frames: Path) -> None:
-    assert read_image(real_frames / "realsense_1" / "rgb.jpg").shape == (480, 640, 3)
+    assert read_image(real_frames / "realsense_1" / "rgb.jpg").pixels.shape == (480, 640, 3)

@@ -1,11 +1,10 @@
 """How long each part of the model takes at its native resolution."""
 
 from collections.abc import Callable
-from time import perf_counter
 
-import numpy as np
 import torch
 
+from benchmarks.measuring import Timing, measure_interleaved
 from training.evaluation.subject import Findings, Row, Subject
 
 WARM_UP, REPEATS = 5, 30
@@ -27,18 +26,18 @@ def speed(subject: Subject) -> Findings:
         "decode": lambda: subject.codec.decode(latents),
         "encode": lambda: subject.codec.encode(frame.normalised),
     }
-    rows = [{"part": name, **milliseconds(run)} for name, run in parts.items()]
+    timings = measure_interleaved(parts, warm_up=WARM_UP, repeats=REPEATS)
+    rows = [{"part": name, **milliseconds(timing)} for name, timing in timings.items()]
     threads = torch.get_num_threads()
     title = f"320x240, float32, {threads} threads, {REPEATS} repeats after {WARM_UP}"
     return Findings({title: rows})
 
 
-def milliseconds(run: Callable[[], object]) -> Row:
-    """Median and quartiles of the time [ms] that a function takes."""
-    times = []
-    for _ in range(WARM_UP + REPEATS):
-        started = perf_counter()
-        run()
-        times.append(1000 * (perf_counter() - started))
-    low, median, high = (float(x) for x in np.percentile(times[WARM_UP:], (25, 50, 75)))
-    return {"median_ms": median, "quartile1_ms": low, "quartile3_ms": high}
+def milliseconds(timing: Timing) -> Row:
+    """Median and spread [ms]."""
+    seconds = {
+        "median": timing.median,
+        "fastest": min(timing.seconds),
+        "slowest": max(timing.seconds),
+    }
+    return {f"{name}_ms": 1000 * value for name, value in seconds.items()}

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from steered_marigold.core.frame import Frame
-from steered_marigold.errors import SteeredMarigoldError
+from steered_marigold.errors import InputError, SteeredMarigoldError
 from steered_marigold.frames.complete import Record, complete_frame
 from steered_marigold.frames.outputs import Outputs, save
 from steered_marigold.frames.sources import FileSource, FrameFiles
@@ -43,8 +43,13 @@ class Outcome:
 def plan(source: FileSource, folders: Outputs, *, suffix: str, overwrite: bool) -> Plan:
     """What is left to do; writes nothing.
 
-    suffix: of depth and uncertainty. Raises InputError if an output would overwrite an input.
+    suffix: of depth and uncertainty. Raises InputError if an output would overwrite an input, or
+    lie among the inputs, where the next run would take it for one.
     """
+    inputs = {path.parent.resolve() for files in source.files.values() for path in files.given()}
+    for folder in folders.asked().values():
+        if folder.resolve() in inputs:
+            raise InputError(f"{folder}: holds inputs; results need a folder of their own")
     frames = {}
     for frame_id, files in source.files.items():
         outputs = folders.of_frame(frame_id, suffix)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steered_marigold.cli import complete, evaluate, figures
+from steered_marigold.cli import bag, complete, evaluate, figures
 from steered_marigold.cli.messages import name_parameters, say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
@@ -36,6 +36,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("complete")(complete.complete)
+app.command("bag")(bag.bag)
 app.command("evaluate")(evaluate.evaluate)
 app.command("figures")(figures.figures)
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
-from steered_marigold.cli.messages import say, say_error, say_warning
+from steered_marigold.cli.messages import say, say_error, warn_of
 from steered_marigold.cli.options import Dtype, option_panel
+from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
     from steered_marigold.batch.local import JobSettings, Plan
-    from steered_marigold.frames.complete import Record
     from steered_marigold.frames.outputs import Outputs
     from steered_marigold.frames.sources import FrameFiles, Reading
     from steered_marigold.methods.completer import DepthCompleter
@@ -93,11 +93,22 @@ def complete(
             help="Measurements farther than these metres count as missing; the result is not cut."
         ),
     ] = None,
+    depth_encoding: Annotated[
+        str,
+        _read(
+            help="What DEPTH's numbers are: z, ray, disparity, inverse, sunrgbd, tum, kitti, "
+            "carla, rgb24 or tartanair."
+        ),
+    ] = "z",
+    baseline: Annotated[
+        float | None, _read(help="Of disparity: distance of the two cameras [m].")
+    ] = None,
     depth_grid: Annotated[
         DepthGrid, _read(help="registered: DEPTH has a lower resolution and an equal view.")
     ] = DepthGrid.SAME,
     intrinsics: Annotated[
-        str | None, _read(help="K of the image: a text file, or fx,fy,cx,cy in pixels.")
+        str | None,
+        _read(help="K of the image: fx,fy,cx,cy in pixels, or a file (docs/your-data.md)."),
     ] = None,
     confidence: Annotated[
         Path | None,
@@ -109,6 +120,12 @@ def complete(
             help="How closely measurements are met: metres, or per cent of depth as 1%.",
             show_default=_PRESETS,
         ),
+    ] = None,
+    slop: Annotated[
+        float, _read(help="Of folders whose names are time stamps: seconds within a pair.")
+    ] = 0.02,
+    associations: Annotated[
+        Path | None, _read(help="Of folders: a file that lists the pairs, as TUM's.")
     ] = None,
     no_measurements: Annotated[
         bool,
@@ -187,9 +204,13 @@ def complete(
     reading = Reading(
         depth_scale=depth_scale,
         max_depth=max_depth,
+        depth_encoding=depth_encoding,
+        baseline=baseline,
         registered=depth_grid is DepthGrid.REGISTERED,
-        K=None if intrinsics is None else read_intrinsics(intrinsics),
+        intrinsics=None if intrinsics is None else read_intrinsics(intrinsics),
         no_measurements=no_measurements,
+        slop=slop,
+        associations=associations,
     )
     settings = JobSettings(
         seed=seed,
@@ -211,14 +232,16 @@ def complete(
         **read_settings("--set", knobs or [], KNOBS),
     }
     suffix = f".{output_format}"
-    (outputs.of_frame("frame", suffix) if many else outputs).require_possible(
-        has_K=reading.K is not None, output_scale=output_scale
+    of_frame = outputs.of_frame if many else outputs.in_folders
+    of_frame(image.stem, suffix).require_possible(
+        has_K=reading.intrinsics is not None, output_scale=output_scale
     )
     show = _print_json if as_json else _print_paths
     if many:
         todo = plan(folder_source(inputs, reading), outputs, suffix=suffix, overwrite=overwrite)
         _complete_folders(todo, settings, model, show)
     else:
+        outputs = outputs.in_folders(image.stem, suffix)
         outputs.require_distinct(inputs)
         for path in outputs.asked().values():
             require_writable(path)
@@ -240,39 +263,32 @@ def _complete_one(
     frame = read_frame(inputs, reading)
     completer, load_seconds = _load(model, progress=sys.stderr.isatty())
     record = complete_to_files(completer, frame, inputs, outputs, settings)
-    _warn(inputs.image, record)
+    warn_of(inputs.image, record)
     show(record.to_json() | {"load_seconds": load_seconds})
 
 
 def _complete_folders(
     todo: "Plan", settings: "JobSettings", model: dict[str, Any], show: "Show"
 ) -> None:
-    """Many frames, with a bar on a terminal; exit code 1 if one failed."""
-    from rich.console import Console
-    from rich.progress import Progress
-
+    """Many frames; exit code 1 if one failed."""
     from steered_marigold.batch.local import complete_all
 
-    for sentence in todo.source.lone:
-        say_error(sentence)
-    failed = len(todo.source.lone)
-    console = Console(stderr=True)
-    with Progress(
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-        redirect_stdout=sys.stdout.isatty(),  # records in a pipe must not move to the terminal
-    ) as progress:
-        bar = progress.add_task("completing", total=len(todo.frames))
-        completer, load_seconds = _load(model, progress=False) if todo.frames else (None, 0.0)
-        for outcome in complete_all(completer, todo, settings) if completer else ():
+    if todo.source.rule:
+        say(f"{len(todo.source.files)} frames, paired by {todo.source.rule}")
+    for path in todo.source.lone:
+        say_error(f"{path}: belongs to no pair")
+    failed, count = len(todo.source.lone), len(todo.frames)
+    completer, load_seconds = _load(model, progress=False) if todo.frames else (None, 0.0)
+    outcomes = complete_all(completer, todo, settings) if completer else iter(())
+    with progress_bar("completing", count) as bar:
+        for done, outcome in enumerate(outcomes, start=1):
             if outcome.record is None:
                 say_error(f"{outcome.frame}: {outcome.error}")
                 failed += 1
             else:
-                _warn(outcome.frame, outcome.record)
+                warn_of(outcome.frame, outcome.record)
                 show(outcome.record.to_json() | {"load_seconds": load_seconds})
-            progress.advance(bar)
+            bar(done, count, "completing")
     done = len(todo.frames) + len(todo.source.lone) - failed
     say(f"{done} completed, {todo.skipped} skipped, {failed} failed")
     if failed:
@@ -299,11 +315,6 @@ def _load(model: dict[str, Any], *, progress: bool) -> tuple["DepthCompleter", f
 
     completer = SteeredCompleter.from_checkpoint(**model, progress=progress)
     return completer, round(perf_counter() - started, 4)
-
-
-def _warn(frame: object, record: "Record") -> None:
-    for notice in record.notices:
-        say_warning(f"{frame}: {notice.text}")
 
 
 def _print_json(record: dict[str, Any]) -> None:

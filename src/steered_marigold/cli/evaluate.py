@@ -8,6 +8,7 @@ from typer import Argument, Option
 
 from steered_marigold.cli.messages import say_error, say_warning
 from steered_marigold.cli.options import Dtype, option_panel
+from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
@@ -176,22 +177,17 @@ def _method_and_file(text: str) -> tuple[str, Path]:
 
 
 def _run_with_progress(settings: "RunSettings", folder: Path, **how: Any) -> "Run":
-    """Runs, with a bar and the time left on a terminal; failures are told as they happen.
+    """Runs; failures are told as they happen.
 
     how: workers, overwrite and keep_predictions of `run_evaluation`.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from steered_marigold.evaluation.results import ImageResult
     from steered_marigold.evaluation.runner import run_evaluation
 
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
-        bar = progress.add_task("evaluating", total=None)
+    with progress_bar("evaluating") as bar:
 
         def on_result(result: ImageResult, done: int, total: int) -> None:
-            progress.update(bar, completed=done, total=total, description=result.method)
+            bar(done, total, result.method)
             if result.error:
                 say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
 

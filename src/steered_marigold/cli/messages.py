@@ -3,7 +3,10 @@
 import re
 import sys
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from steered_marigold.frames.complete import Record
 
 # options that have another name than the argument of the library
 _OPTIONS = {
@@ -29,6 +32,12 @@ def say_error(error: object) -> None:
 def say_warning(warning: object) -> None:
     """What was done, but may not be what was meant."""
     say(f"warning: {warning}")
+
+
+def warn_of(frame: object, record: "Record") -> None:
+    """What a person should know of a frame."""
+    for notice in record.notices:
+        say_warning(f"{frame}: {notice.text}")
 
 
 def _in_words_of_the_command(text: str) -> str:

@@ -10,12 +10,11 @@ from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.geometry import crop_intrinsics
-from steered_marigold.core.notices import Notice
+from steered_marigold.core.notices import Notices
 from steered_marigold.errors import InputError, SizeMismatchError
 
-# metres; a median beyond these is a wrong unit, most likely
-LEAST_MEDIAN, LARGEST_MEDIAN = 0.01, 200.0
 # modes of PIL images whose numbers are not red, green and blue, nor grey
 _COLOUR_CODES = ("1", "P", "PA", "LA", "La", "CMYK", "YCbCr", "LAB", "HSV")
 
@@ -40,7 +39,7 @@ class Frame:
     id: str = ""
     stamp: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
-    notices: tuple[Notice, ...] = ()
+    notices: Notices = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -115,7 +114,7 @@ def make_frame(
         K=None if K is None else check_intrinsics(K),
         id=id,
         stamp=stamp,
-        notices=implausible_median(depth, valid),
+        notices=scale_doubts(depth, valid),
     )
 
 
@@ -159,19 +158,6 @@ def check_intrinsics(K: Any) -> Float[Tensor, "3 3"]:
     ):
         raise InputError("`K` must be [fx, skew, cx; 0, fy, cy; 0, 0, 1], focal lengths positive")
     return torch.from_numpy(matrix.astype(np.float32))
-
-
-def implausible_median(
-    depth: Float[Tensor, "height width"], valid_mask: Bool[Tensor, "height width"]
-) -> tuple[Notice, ...]:
-    """A notice if the median depth is above 200 m or below 1 cm: a wrong unit, most likely."""
-    if not valid_mask.any():
-        return ()
-    median = float(depth[valid_mask].median())
-    if LEAST_MEDIAN <= median <= LARGEST_MEDIAN:
-        return ()
-    text = f"the median depth is {median:.4g} m; is `depth_scale` (metres per unit) right?"
-    return (Notice("implausible_scale", text),)
 
 
 def as_array(name: str, values: Any) -> NDArray[Any]:

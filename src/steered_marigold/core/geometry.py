@@ -32,6 +32,15 @@ def project(
     return homogeneous[..., :2] / homogeneous[..., 2:]
 
 
+def ray_lengths(K: Float[Tensor, "3 3"], size: tuple[int, int]) -> Float[Tensor, "height width"]:
+    """Length of each pixel's line of sight where z is 1; size: (height, width) [px].
+
+    A sensor that measures along the ray gives z times this.
+    """
+    points = unproject(torch.ones(size, dtype=K.dtype, device=K.device), K)
+    return points.square().sum(dim=-1).sqrt()
+
+
 def crop_intrinsics(K: Float[Tensor, "3 3"], *, top: int, left: int) -> Float[Tensor, "3 3"]:
     """K of an image whose first `top` rows and `left` columns were cut off."""
     cropped = K.clone()

@@ -16,7 +16,7 @@ A data set's figure is the mean over its images, each image counting once (as in
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -184,43 +184,6 @@ def seam_step(
         excess.append(more[:, 1] - (more[:, 0] + more[:, 2]) / 2)
     joined = torch.cat(excess)
     return _mean(joined) if len(joined) >= _LEAST_FOURS else None
-
-
-class DepthMetrics:
-    """Mean errors over images: `update` with batches, `merge` shards, `compute` the mean.
-
-    Each image's errors are kept, and their sum is exact before it is rounded once: shards add up
-    to the same figures as the whole, in any order.
-    """
-
-    def __init__(self, *, official: bool = False) -> None:
-        self.official = official
-        self.images: list[DepthErrors] = []
-
-    def update(
-        self,
-        prediction: Float[Tensor, "batch height width"],
-        target: Float[Tensor, "batch height width"],
-        mask: Bool[Tensor, "batch height width"],
-    ) -> None:
-        """Adds a batch of images; see `depth_errors` for units and errors raised."""
-        self.images.extend(
-            depth_errors(*image, official=self.official)
-            for image in zip(prediction, target, mask, strict=True)
-        )
-
-    def merge(self, other: "DepthMetrics") -> None:
-        """Adds the images of another shard."""
-        self.images.extend(other.images)
-
-    def compute(self) -> DepthErrors:
-        """The mean over all images. Raises InputError if there are none."""
-        return DepthErrors(
-            **{
-                field.name: exact_mean(getattr(image, field.name) for image in self.images)
-                for field in fields(DepthErrors)
-            }
-        )
 
 
 def exact_mean(values: Iterable[float]) -> float:

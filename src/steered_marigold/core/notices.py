@@ -13,3 +13,6 @@ class Notice:
 
     kind: str
     text: str
+
+
+Notices = tuple[Notice, ...]

@@ -10,7 +10,8 @@ from steered_marigold.core.frame import make_frame
 from steered_marigold.datasets.dataset import check_sizes, files_by_stem
 from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import read_intrinsics
 
@@ -72,7 +73,7 @@ class FrameFolder:
 
     def load(self, frame_id: str) -> Sample:
         image_path, *depth_paths = (files[frame_id] for files in self._files)
-        image = read_image(image_path)
+        image = read_image(image_path).pixels
         depths = [
             read_depth(path, depth_scale=self.depth_scale, max_depth=self.max_depth)
             for path in depth_paths
@@ -82,7 +83,7 @@ class FrameFolder:
         truth, sparse = depths[0], depths[1] if len(depths) > 1 else None
         own = image_path.with_name("intrinsics.txt")
         intrinsics = own if own.is_file() else self.path / "K.txt"
-        K = read_intrinsics(intrinsics) if intrinsics.is_file() else None
+        K = read_intrinsics(intrinsics).K if intrinsics.is_file() else None
         frame = make_frame(
             image,
             None if sparse is None else sparse.depth,

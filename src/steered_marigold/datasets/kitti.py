@@ -46,10 +46,10 @@ class KittiSelection:
         return tuple(sorted(files_by_stem(self.path / "image", (".png",))))
 
     def load(self, frame_id: str) -> Sample:
-        image = read_image(self.path / "image" / f"{frame_id}.png")
+        image = read_image(self.path / "image" / f"{frame_id}.png").pixels
         truth = self._depth("groundtruth_depth", frame_id, image)
         scan = self._depth("velodyne_raw", frame_id, image)
-        K = read_intrinsics(self.path / "intrinsics" / f"{frame_id}.txt")
+        K = read_intrinsics(self.path / "intrinsics" / f"{frame_id}.txt").K
         frame = make_frame(image, scan.depth, scan.valid_mask, K=K, id=frame_id)
         return Sample(frame=frame, metric_depth=truth.depth, metric_mask=truth.valid_mask)
 

@@ -21,7 +21,10 @@ GROUND_TRUTHS = {"raw": "rawDepths", "inpainted": "depths"}
 SPLITS = ("test", "train", "all")
 
 _FRAMES = 1449
-# The toolbox's camera_params.m; MATLAB counts pixels from 1
+# The toolbox's camera_params.m. Its depth_plane2depth_world.m and rgb_plane2rgb_world.m take the
+# principal point at pixels counted from 1 (meshgrid(1:W, 1:H)), and project_depth_map.m indexes
+# MATLAB's arrays with what it projects: counted from 0, it is 1 less. BP-Net's data loader and most
+# others in Python leave out the 1, which moves points by depth / 519 sideways.
 _K = torch.tensor(
     [
         [518.85790117450188, 0, 325.58244941119034 - 1],

@@ -2,11 +2,15 @@
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import torch
+from diffusers.utils import logging as diffusers_logging
+from transformers.utils import logging as transformers_logging
 
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import CheckpointError, InputError
@@ -41,12 +45,13 @@ def load_pipeline(
     folder = _folder(checkpoint)
     _check_folder(folder, checkpoint)
     try:
-        pipeline: SteeredMarigoldPipeline = SteeredMarigoldPipeline.from_pretrained(
-            folder,
-            dtype=precision,
-            use_safetensors=True,
-            local_files_only=True,
-        )
+        with _quietly():
+            pipeline: SteeredMarigoldPipeline = SteeredMarigoldPipeline.from_pretrained(
+                folder,
+                dtype=precision,
+                use_safetensors=True,
+                local_files_only=True,
+            )
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise CheckpointError(f"checkpoint {checkpoint} cannot be loaded: {error}") from error
     pipeline.to(target)
@@ -56,6 +61,23 @@ def load_pipeline(
         pipeline.unet.compile()
         pipeline.vae.decoder.compile()
     return pipeline
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without the libraries' progress bars: stderr is the caller's."""
+    shown = [
+        library
+        for library in (diffusers_logging, transformers_logging)
+        if library.is_progress_bar_enabled()
+    ]
+    for library in shown:
+        library.disable_progress_bar()
+    try:
+        yield
+    finally:
+        for library in shown:
+            library.enable_progress_bar()
 
 
 def fastest_dtype(device: torch.device) -> torch.dtype:

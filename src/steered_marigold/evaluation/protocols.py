@@ -22,7 +22,8 @@ from steered_marigold.core.frame import Frame
 from steered_marigold.core.geometry import center_crop
 from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, InputError
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import read_depth
 
 PAPER_CROP = (448, 608)
 PAPER_FRACTION = 0.05

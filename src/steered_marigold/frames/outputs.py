@@ -6,17 +6,17 @@ from typing import Any
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
-from steered_marigold.core.notices import Notice
+from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import InputError
 from steered_marigold.frames.complete import require_uncertainty
 from steered_marigold.frames.sources import FrameFiles
 from steered_marigold.io.depth_maps import (
-    DEPTH_SUFFIXES,
     MILLIMETRE,
+    WRITABLE_DEPTH_SUFFIXES,
     write_depth,
     write_saturating,
 )
-from steered_marigold.io.files import require_suffix, write_figure
+from steered_marigold.io.files import atomic_writes, require_suffix, write_figure
 from steered_marigold.io.point_clouds import point_cloud, write_point_cloud
 
 
@@ -46,10 +46,15 @@ class Outputs:
         }
         return replace(self, **files)
 
+    def in_folders(self, frame_id: str, depth_suffix: str) -> "Outputs":
+        """With a frame's file in the place of each path that is an existing folder."""
+        files = self.of_frame(frame_id, depth_suffix).asked()
+        return replace(self, **{n: files[n] for n, path in self.asked().items() if path.is_dir()})
+
     def require_possible(self, *, has_K: bool, output_scale: float | None) -> None:
         """InputError for extensions that there are not, or what lacks for an output."""
         maps = [path for path in (self.depth, self.uncertainty) if path is not None]
-        suffixes = [require_suffix(path, DEPTH_SUFFIXES) for path in maps]
+        suffixes = [require_suffix(path, WRITABLE_DEPTH_SUFFIXES) for path in maps]
         if self.visualization is not None:
             require_suffix(self.visualization, (".png",))
         if self.point_cloud is not None:
@@ -76,31 +81,51 @@ def save(
     outputs: Outputs,
     *,
     output_scale: float | None = None,
-) -> tuple[dict[str, Any], tuple[Notice, ...]]:
-    """Writes what is asked for; returns what a record says of it, and what a person should know.
+) -> tuple[dict[str, Any], Notices]:
+    """Writes what is asked for, all of it or nothing.
+
+    Returns what a record says of it, and what a person should know.
 
     output_scale: metres per unit of .png files; None is 0.001.
 
     Raises InputError if a file cannot be written, or something was asked for that the completion
     or the frame does not have.
     """
-    depth, unrepresentable, points = completion.depth[0], 0, 0
-    notices: tuple[Notice, ...] = ()
     scale = (output_scale or MILLIMETRE) if completion.metric else 1 / 65535
+    if outputs.uncertainty is not None:
+        require_uncertainty(completion)
+    if outputs.point_cloud is not None and (frame.K is None or not completion.metric):
+        raise InputError("`point_cloud` needs `intrinsics`, and metric depth")
+    asked = outputs.asked()
+    last_first = list(reversed(asked.items()))  # depth stands for the frame's other files
+    with atomic_writes([path for _, path in last_first]) as temporaries:
+        beside = {name: path for (name, _), path in zip(last_first, temporaries, strict=True)}
+        unrepresentable, points = _write(completion, frame, Outputs(**beside), scale)
+    notices: Notices = ()
+    if unrepresentable:
+        notices = (Notice("unrepresentable", _does_not_fit(outputs.depth, unrepresentable, scale)),)
+    written = {name: str(path) for name, path in asked.items() if name != "depth"}
+    return {
+        "output": str(outputs.depth),
+        **written,
+        "unrepresentable": unrepresentable,
+        "points": points,
+    }, notices
+
+
+def _write(
+    completion: DepthCompletion, frame: Frame, outputs: Outputs, scale: float
+) -> tuple[int, int]:
+    """How many depths did not fit their file, and how many points the cloud has."""
+    depth, unrepresentable, points = completion.depth[0], 0, 0
     uncertainty = None if completion.uncertainty is None else completion.uncertainty[0]
     if completion.metric:
         unrepresentable = write_depth(outputs.depth, depth, output_scale=scale)
     else:
         write_saturating(outputs.depth, depth, output_scale=scale)
-    if unrepresentable:
-        notices = (Notice("unrepresentable", _does_not_fit(outputs.depth, unrepresentable, scale)),)
-    if outputs.uncertainty is not None:
-        write_saturating(
-            outputs.uncertainty, require_uncertainty(completion)[0], output_scale=scale
-        )
-    if outputs.point_cloud is not None:
-        if frame.K is None or not completion.metric:
-            raise InputError("`point_cloud` needs `intrinsics`, and metric depth")
+    if outputs.uncertainty is not None and uncertainty is not None:
+        write_saturating(outputs.uncertainty, uncertainty, output_scale=scale)
+    if outputs.point_cloud is not None and frame.K is not None:
         cloud = point_cloud(depth, frame.image, frame.K)
         write_point_cloud(outputs.point_cloud, cloud)
         points = len(cloud.points)
@@ -109,13 +134,7 @@ def save(
 
         figure = frame_panels(frame, depth, uncertainty, metric=completion.metric)
         write_figure(outputs.visualization, figure)
-    written = {name: str(path) for name, path in outputs.asked().items() if name != "depth"}
-    return {
-        "output": str(outputs.depth),
-        **written,
-        "unrepresentable": unrepresentable,
-        "points": points,
-    }, notices
+    return unrepresentable, points
 
 
 def _does_not_fit(path: Path, count: int, scale: float) -> str:

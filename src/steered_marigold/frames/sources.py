@@ -1,8 +1,7 @@
 """Where frames come from: one frame's files, or folders of them."""
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -10,33 +9,36 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from steered_marigold.core.frame import Frame, implausible_median
+from steered_marigold.core.doubts import scale_doubts
+from steered_marigold.core.frame import Frame
 from steered_marigold.core.registration import register_depth
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES, read_confidence
-from steered_marigold.io.depth_maps import DEPTH_SUFFIXES, read_depth
+from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_maps import DepthMap, read_depth
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
+from steered_marigold.io.intrinsics import Intrinsics
+from steered_marigold.io.pairing import pair_files
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """How files are read; see `read_depth`.
 
-    registered: the depth map has a lower resolution and an equal view. K: intrinsics of the image
-    [px]. no_measurements: a frame in which nothing was measured is a frame all the same.
+    registered: the depth map has a lower resolution and an equal view. intrinsics: of the image.
+    no_measurements: a frame in which nothing was measured is a frame all the same. slop: time
+    stamps [s] of a pair differ by no more; associations: see `pair_files`.
     """
 
     depth_scale: float | None = None
     max_depth: float | None = None
+    depth_encoding: str = "z"
+    baseline: float | None = None
     registered: bool = False
-    K: Float[Tensor, "3 3"] | None = None
+    intrinsics: Intrinsics | None = None
     no_measurements: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("depth_scale", "max_depth"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < float("inf"):
-                raise InputError(f"`{name}` must be a positive number, not {value}")
+    slop: float = 0.02
+    associations: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,11 +69,12 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class FileSource:
-    """Frames of files. lone: what has no counterpart, and why, a sentence each."""
+    """Frames of files, by id. lone: files that belong to no frame. rule: how they were paired."""
 
     files: dict[str, FrameFiles]
     reading: Reading
-    lone: list[str] = field(default_factory=list)
+    lone: tuple[Path, ...] = field(default=())
+    rule: str = ""
 
     @property
     def ids(self) -> list[str]:
@@ -82,104 +85,116 @@ class FileSource:
         """See `read_frame`."""
         return read_frame(self.files[frame_id], self.reading, frame_id)
 
-    def __iter__(self) -> Iterator[Frame]:
-        return map(self.load, self.files)
-
 
 def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
-    """The frames of two folders (three with confidences), paired by stem.
+    """The frames of two folders (three with confidences), paired as `pair_files` does.
 
     Raises InputError if one is no folder, or if there is no pair.
     """
     for folder in folders.given():
         if not folder.is_dir():
             raise InputError(f"{folder}: {folders.image} is a folder, so this must be one too")
-    files, lone = _pair_by_stem(folders)
-    return FileSource(files=files, reading=reading, lone=lone)
+    images = _files(folders.image, IMAGE_SUFFIXES)
+    if folders.depth is None:
+        files = {path.stem: FrameFiles(image=path) for path in images}
+        return FileSource(files=files, reading=reading)
+    pairing = pair_files(
+        images,
+        _files(folders.depth, DEPTH_SUFFIXES),
+        slop=reading.slop,
+        associations=reading.associations,
+    )
+    files = {image.stem: FrameFiles(image=image, depth=depth) for image, depth in pairing.pairs}
+    lone = pairing.unpaired
+    if folders.confidence is not None:
+        depths = [depth for _, depth in pairing.pairs]
+        weights = pair_files(depths, _files(folders.confidence, CONFIDENCE_SUFFIXES))
+        of_depth = dict(weights.pairs)
+        without = [frame for frame in files.values() if frame.depth not in of_depth]
+        lone += tuple(frame.image for frame in without)
+        files = {
+            frame_id: replace(frame, confidence=of_depth[frame.depth])
+            for frame_id, frame in files.items()
+            if frame.depth in of_depth
+        }
+    return FileSource(files=files, reading=reading, lone=lone, rule=pairing.rule)
 
 
 def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None) -> Frame:
     """The frame's files, checked against each other; InputError where they cannot be used."""
-    frame_id = files.image.stem if frame_id is None else frame_id
-    if files.depth is None:
-        image = read_image(files.image)
-        nothing = torch.zeros(image.shape[:2])
-        return Frame(
-            image=image, sparse_depth=nothing, valid_mask=nothing > 0, K=reading.K, id=frame_id
-        )
-    measured = read_depth(files.depth, depth_scale=reading.depth_scale, max_depth=reading.max_depth)
-    if not measured.valid_mask.any() and not reading.no_measurements:
-        raise NoMeasurementsError(
-            f"{files.depth}: no valid pixel ({_reasons(measured.missing)}); "
-            "`no_measurements` gives relative depth from the image alone"
-        )
-    confidence = None if files.confidence is None else read_confidence(files.confidence)
-    if confidence is not None and confidence.shape != measured.depth.shape:
-        raise SizeMismatchError(
-            f"{files.confidence} is {_size(confidence)} but {files.depth} {_size(measured.depth)}"
-        )
+    if files.depth is not None and files.depth.resolve() == files.image.resolve():
+        raise InputError(f"{files.image}: is given as the image and as its depth map; name both")
     image = read_image(files.image)
+    size = image.pixels.shape[0], image.pixels.shape[1]
+    K, notices = None, image.notes
+    if reading.intrinsics is not None:
+        K, of_camera = reading.intrinsics.for_image(size)
+        notices += of_camera
+    nothing = torch.zeros(size)
+    frame = Frame(
+        image=image.pixels,
+        sparse_depth=nothing,
+        valid_mask=nothing > 0,
+        K=K,
+        id=files.image.stem if frame_id is None else frame_id,
+        notices=notices,
+    )
+    return frame if files.depth is None else _with_depth(frame, files, files.depth, reading)
+
+
+def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -> Frame:
+    """The frame with what was measured."""
+    measured = _read_depth(path, reading, frame.K)
+    confidence, notices = None, measured.notes
+    if files.confidence is not None:
+        weights = read_confidence(files.confidence)
+        confidence, notices = weights.confidence, notices + weights.notes
+        if confidence.shape != measured.depth.shape:
+            raise SizeMismatchError(
+                f"{files.confidence} is {_size(confidence)} but {path} {_size(measured.depth)}"
+            )
     depth, valid_mask = measured.depth, measured.valid_mask
     if reading.registered:
-        moved = register_depth(depth, valid_mask, (image.shape[0], image.shape[1]))
+        moved = register_depth(depth, valid_mask, frame.size)
         depth, valid_mask = moved.depth, moved.valid_mask
         confidence = None if confidence is None else moved.carry(confidence)
-    elif image.shape[:2] != depth.shape:
-        raise _other_size(files, image[..., 0], depth)
-    return Frame(
-        image=image,
+    elif frame.size != depth.shape:
+        raise _other_size(files, frame.image[..., 0], depth)
+    return replace(
+        frame,
         sparse_depth=depth,
         valid_mask=valid_mask,
         confidence=confidence,
-        K=reading.K,
-        id=frame_id,
-        missing=vars(measured.missing),
-        notices=implausible_median(depth, valid_mask),
+        missing=measured.missing,
+        notices=frame.notices + notices + scale_doubts(depth, valid_mask),
     )
 
 
-def _pair_by_stem(folders: FrameFiles) -> tuple[dict[str, FrameFiles], list[str]]:
-    """The frames of the folders by stem, in order, and why other stems make no frame.
-
-    Raises InputError if there is no frame at all.
-    """
-    image_files = _by_stem(folders.image, IMAGE_SUFFIXES)
-    depth_files = _by_stem(folders.depth, DEPTH_SUFFIXES)
-    confidence_files = _by_stem(folders.confidence, CONFIDENCE_SUFFIXES)
-    frames: dict[str, FrameFiles] = {}
-    lone: list[str] = []
-    for stem in sorted(image_files.keys() | depth_files.keys()):
-        try:
-            frames[stem] = FrameFiles(
-                image=_only(image_files[stem], folders.image, stem),
-                depth=folders.depth and _only(depth_files[stem], folders.depth, stem),
-                confidence=folders.confidence
-                and _only(confidence_files[stem], folders.confidence, stem),
-            )
-        except InputError as error:
-            lone.append(str(error))
-    if not frames:
-        raise InputError(
-            f"{' and '.join(map(str, folders.given()))}: no files with equal stems; "
-            "an image a/0001.jpg belongs to the depth map b/0001.png"
+def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) -> DepthMap:
+    measured = read_depth(
+        path,
+        depth_scale=reading.depth_scale,
+        max_depth=reading.max_depth,
+        depth_encoding=reading.depth_encoding,
+        K=K,
+        baseline=reading.baseline,
+    )
+    if not measured.valid_mask.any() and not reading.no_measurements:
+        reasons = [f"{n} {name.replace('_', ' ')}" for name, n in measured.missing.items() if n]
+        raise NoMeasurementsError(
+            f"{path}: no valid pixel ({', '.join(reasons)}); "
+            "`no_measurements` gives relative depth from the image alone"
         )
-    return frames, lone
+    return measured
 
 
-def _by_stem(folder: Path | None, suffixes: Sequence[str]) -> defaultdict[str, list[Path]]:
+def _files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     """The folder's visible files of these kinds."""
-    files: defaultdict[str, list[Path]] = defaultdict(list)
-    for path in sorted(folder.iterdir()) if folder is not None else []:
-        if path.suffix.lower() in suffixes and not path.name.startswith("."):
-            files[path.stem].append(path)
-    return files
-
-
-def _only(files: list[Path], folder: Path, stem: str) -> Path:
-    if len(files) != 1:
-        found = ", ".join(path.name for path in files) or "nothing"
-        raise InputError(f"{folder / stem}.*: exactly one file is needed, found {found}")
-    return files[0]
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+    )
 
 
 def _other_size(files: FrameFiles, image: Tensor, depth: Tensor) -> SizeMismatchError:
@@ -195,7 +210,3 @@ def _other_size(files: FrameFiles, image: Tensor, depth: Tensor) -> SizeMismatch
 def _size(array: Tensor) -> str:
     height, width = array.shape
     return f"{width}x{height}"
-
-
-def _reasons(missing: object) -> str:
-    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in vars(missing).items() if n)

@@ -1,6 +1,8 @@
 """Opening and writing files without surprises: clear errors, whole files or none."""
 
 import os
+import re
+import time
 import uuid
 import warnings
 from collections.abc import Iterator, Sequence
@@ -15,6 +17,9 @@ from PIL import Image
 from steered_marigold.errors import FileFormatError, InputError
 
 MAX_PIXELS = 100_000_000
+_TEMPORARY = re.compile(r"\..*\.[0-9a-f]{8}\.(tmp|old)(\.[^.]+)?")
+_LONGEST_STEM = 40  # characters; names are limited to 255 bytes, and these get longer
+_HOUR_S = 3600.0
 AnyPath = str | os.PathLike[str]
 
 
@@ -83,19 +88,123 @@ def decoding(path: AnyPath) -> Iterator[None]:
 def atomic_write(path: AnyPath) -> Iterator[Path]:
     """A temporary path beside `path`, with its extension; renamed to `path` at the block's end.
 
-    If the block fails nothing is left behind and an older `path` is untouched.
-    Raises InputError if the system refuses to write there.
+    As atomic_writes, for one file.
     """
-    path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}{path.suffix}")
-    try:
+    with atomic_writes([path]) as (temporary,):
         yield temporary
-        temporary.replace(path)
+
+
+@contextmanager
+def atomic_writes(paths: Sequence[AnyPath]) -> Iterator[list[Path]]:
+    """Temporary paths beside `paths`, with their extensions; all renamed at the block's end.
+
+    The last path is renamed last, so that it may stand for the others. If anything fails nothing
+    new is left behind and older files are as they were. A link stays one: what it leads to is
+    written; what is no regular file, such as a device, is written into.
+
+    Raises InputError, naming the path, if the system refuses to write there.
+    """
+    targets = [Path(path).resolve() if Path(path).is_symlink() else Path(path) for path in paths]
+    temporaries = [
+        _beside(Path(path) if _is_special(target) else target, "tmp")
+        for path, target in zip(paths, targets, strict=True)
+    ]
+    try:
+        yield temporaries
+        _rename_all(temporaries, targets)
     except OSError as error:
+        # a writer that does not tell its file was most likely at the first
+        path = paths[_index_of(error, temporaries)]
         reason = error.strerror or str(error)
         raise InputError(f"{path}: cannot be written ({reason})") from error
+    except InputError as error:
+        message = str(error)
+        for temporary, path in zip(temporaries, paths, strict=True):
+            message = message.replace(str(temporary), str(path))
+        raise type(error)(message) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        for temporary in temporaries:
+            temporary.unlink(missing_ok=True)
+
+
+def stale_temporaries(folder: AnyPath, *, older_than_s: float = _HOUR_S) -> list[Path]:
+    """What a run that was killed left in `folder`: safe to remove, no run is still writing it.
+
+    Temporary files whose last change is at least older_than_s seconds ago. A frame whose outputs
+    were being renamed then may have its old version among them, as .NAME.xxxxxxxx.old.
+    """
+    now = time.time()
+    return sorted(
+        path
+        for path in Path(folder).iterdir()
+        if _TEMPORARY.fullmatch(path.name) and now - path.lstat().st_mtime >= older_than_s
+    )
+
+
+def _beside(path: Path, mark: str) -> Path:
+    return path.with_name(
+        f".{path.stem[:_LONGEST_STEM]}.{uuid.uuid4().hex[:8]}.{mark}{path.suffix}"
+    )
+
+
+def _is_special(path: Path) -> bool:
+    """Whether a device, pipe or the like is there, which a renamed file would replace."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _kept(target: Path) -> Path | None:
+    """A second name of the older file, to restore it by; None if there is none."""
+    if not target.is_file():
+        return None
+    old = _beside(target, "old")
+    try:
+        old.hardlink_to(target)
+    except OSError:  # file systems without links
+        old.write_bytes(target.read_bytes())
+    return old
+
+
+def _rename_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
+    """Each temporary becomes its target, in order; if one cannot, none does."""
+    done: list[tuple[Path, Path | None]] = []
+    try:
+        for temporary, target in zip(temporaries, targets, strict=True):
+            done.append((target, _kept(target)))
+            if _is_special(target):
+                _write_into(target, temporary)
+            else:
+                temporary.replace(target)
+    except BaseException:
+        for target, old in done:
+            _restore(target, old)
+        raise
+    for _, old in done:
+        if old is not None:
+            old.unlink()
+
+
+def _write_into(device: Path, temporary: Path) -> None:
+    try:
+        with device.open("wb") as file:
+            file.write(temporary.read_bytes())
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(temporary)) from error
+
+
+def _restore(target: Path, old: Path | None) -> None:
+    """Brings back the older file, or none if there was none."""
+    if old is not None:
+        old.replace(target)
+        old.unlink(missing_ok=True)  # two names of one file both stay after a rename
+    elif target.is_file():
+        target.unlink()
+
+
+def _index_of(error: OSError, temporaries: Sequence[Path]) -> int:
+    """Which of the temporaries the error names; 0 if none."""
+    names = [str(temporary) for temporary in temporaries]
+    told = [name for name in (error.filename, error.filename2) if name in names]
+    return names.index(told[0]) if told else 0
 
 
 def write_figure(path: AnyPath, figure: Any, **how: Any) -> None:
@@ -128,5 +237,10 @@ def load_array(path: AnyPath) -> NDArray[Any]:
         if not isinstance(array, np.ndarray):
             raise FileFormatError(f"{path}: is an archive of arrays; save one array with np.save")
         require_pixel_count(path, array.size, 1)
-        singletons = [axis for axis, size in enumerate(array.shape) if size == 1]
-        return np.array(np.squeeze(array, axis=tuple(singletons[: max(array.ndim - 2, 0)])))
+        return squeezed(array)
+
+
+def squeezed(array: NDArray[Any]) -> NDArray[Any]:
+    """A copy without singleton axes, as long as two axes are left; the first ones go first."""
+    singletons = [axis for axis, size in enumerate(array.shape) if size == 1]
+    return np.array(np.squeeze(array, axis=tuple(singletons[: max(array.ndim - 2, 0)])))

@@ -78,6 +78,9 @@ class MarigoldDCCompleter(DepthCompleter):
         chosen = default_device() if device is None else torch.device(device)
         fitting = torch.bfloat16 if chosen.type == "cuda" else torch.float32
         pipeline = load_pipeline(checkpoint, device=device, dtype=dtype or fitting)
+        # the authors' program runs contiguous; channels-last moves 50 steps of Adam by up to 11 mm
+        for model in filter(None, (pipeline.unet, pipeline.vae, pipeline.image_encoder)):
+            model.to(memory_format=torch.contiguous_format)
         return cls(
             pipeline,
             num_inference_steps=num_inference_steps,

@@ -1,6 +1,3 @@
-from ast import literal_eval
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -20,7 +17,9 @@ from steered_marigold.methods.bpnet.refinement import (
     Refinement,
     local_convolution,
 )
+from tests.methods.published import checksum, names_and_shapes, published_list
 
+PUBLISHED = "34842ad57ddfaccb9ec668c7b413718dd1984bab93512e60d9786bf9cb75b48a"
 K = torch.tensor([[60.0, 0, 31], [0, 62, 30], [0, 0, 1]])
 
 
@@ -35,15 +34,18 @@ def frames(height: int, width: int, *, density: float = 0.05) -> tuple[Tensor, T
 
 
 def test_names_and_shapes_are_the_published_ones() -> None:
-    lines = (Path(__file__).parent / "state_dict.txt").read_text().splitlines()
-    published = {
-        name: literal_eval(shape) for name, shape in (line.split(" ", 1) for line in lines)
-    }
     with torch.device("meta"):
         network = BPNet()
-    assert {name: tuple(value.shape) for name, value in network.state_dict().items()} == published
-    assert len(published) == 1648
+    assert names_and_shapes(network) == PUBLISHED
+    assert len(network.state_dict()) == 1648
     assert sum(parameter.numel() for parameter in network.parameters()) == 89_873_730
+
+
+def test_the_checksum_is_that_of_the_published_list() -> None:
+    lines = published_list("bpnet")
+    if not lines:
+        pytest.skip("the list of names and shapes is not on this machine")
+    assert checksum(lines) == PUBLISHED
 
 
 @settings(max_examples=40)

@@ -1,30 +1,36 @@
-from ast import literal_eval
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
 
 from steered_marigold.methods.completionformer import CompletionFormer
 from steered_marigold.methods.completionformer.propagation import (
     NonLocalPropagation,
-    modulated_deform_conv,
+    bilinear_reads,
+    kernel_reads,
+    sample,
 )
 from steered_marigold.methods.completionformer.pyramid import Attention, Pyramid, Stage
+from tests.methods.published import checksum, names_and_shapes, published_list
+
+PUBLISHED = "ea300c71a7a04ff2da0e232943643675f580b28f75e6ef42954789d76d2eaf47"
 
 
 def test_names_and_shapes_are_the_published_ones() -> None:
-    lines = (Path(__file__).parent / "state_dict.txt").read_text().splitlines()
-    published = {
-        name: literal_eval(shape) for name, shape in (line.split(" ", 1) for line in lines)
-    }
     with torch.device("meta"):
         network = CompletionFormer()
-    assert {name: tuple(value.shape) for name, value in network.state_dict().items()} == published
-    assert len(published) == 783
+    assert names_and_shapes(network) == PUBLISHED
+    assert len(network.state_dict()) == 783
     assert sum(parameter.numel() for parameter in network.parameters()) == 83_505_336
+
+
+def test_the_checksum_is_that_of_the_published_list() -> None:
+    lines = published_list("completionformer")
+    if not lines:
+        pytest.skip("the list of names and shapes is not on this machine")
+    assert checksum(lines) == PUBLISHED
 
 
 @pytest.mark.parametrize(("height", "width"), [(228, 304), (448, 608), (252, 1216), (32, 37)])
@@ -50,27 +56,67 @@ def test_pyramid_halves_five_times_and_rounds_down() -> None:
 
 @settings(max_examples=12)
 @given(st.sampled_from([1, 3]), st.integers(1, 5), st.integers(1, 5), st.integers(0, 999))
-def test_modulated_deform_conv_is_a_loop(side: int, height: int, width: int, seed: int) -> None:
+def test_a_deformable_convolution_is_a_loop(side: int, height: int, width: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
 
     def random(*size: int) -> torch.Tensor:
         return torch.randn(*size, generator=generator, dtype=torch.float64)
 
-    x, bias, weight = random(2, 1, height, width), random(1), random(1, 1, side, side)
+    x = random(2, 1, height, width)
     offsets = 3 * random(2, side**2, 2, height, width)
     offsets[0] = offsets[0].round()
-    modulation = random(2, side**2, height, width)
-    expected = bias.expand(2, 1, height, width).clone()
+    expected = torch.zeros(2, side**2, height, width, dtype=torch.float64)
     for b, y, x_, i, j in np.ndindex(2, height, width, side, side):
         tap = i * side + j
         row = y + i - side // 2 + offsets[b, tap, 0, y, x_].item()
         column = x_ + j - side // 2 + offsets[b, tap, 1, y, x_].item()
         for v, u in np.ndindex(height, width):
             share = max(0, 1 - abs(row - v)) * max(0, 1 - abs(column - u))
-            factor = weight[0, 0, i, j] * modulation[b, tap, y, x_]
-            expected[b, 0, y, x_] += factor * share * x[b, 0, v, u]
-    result = modulated_deform_conv(x, offsets, modulation, weight, bias)
-    torch.testing.assert_close(result, expected)
+            expected[b, tap, y, x_] += share * x[b, 0, v, u]
+    torch.testing.assert_close(sample(x, kernel_reads(offsets)), expected)
+
+
+def scipy_samples(image: torch.Tensor, offsets: torch.Tensor) -> np.ndarray:
+    """Bilinear samples of one image at pixel + offset, [samples, height, width], in float64."""
+    pixels = np.indices(image.shape[2:])
+    return np.stack(
+        [
+            map_coordinates(image[0, 0].double().numpy(), place, order=1, mode="grid-constant")
+            for place in pixels + offsets[0].double().numpy()
+        ]
+    )
+
+
+def test_float32_samples_of_a_wide_image_are_exact_to_float32() -> None:
+    generator = torch.Generator().manual_seed(0)
+    image = 80 * torch.rand(1, 1, 40, 1216, generator=generator)
+    offsets = 4 * torch.randn(1, 9, 2, 40, 1216, generator=generator)
+    samples = sample(image, bilinear_reads(offsets))[0].numpy()
+    # coordinates in [-1, 1], or pixel + offset in one float32, are wrong by 1e-3 and more
+    np.testing.assert_allclose(samples, scipy_samples(image, offsets), atol=4e-5, rtol=0)
+
+
+@torch.no_grad()
+def test_propagation_in_float32_equals_the_paper_written_in_float64() -> None:
+    layer, generator = propagation(4), torch.Generator().manual_seed(4)
+    depth = 10 * torch.rand(1, 1, 24, 608, generator=generator)
+    guidance = torch.randn(1, 8, 24, 608, generator=generator)
+    confidence = torch.rand(1, 1, 24, 608, generator=generator)
+    out = layer.conv_offset_aff(guidance)
+    shifts, raw = out[:, :16].unflatten(1, (8, 2)), out[0, 16:].double().numpy()
+    affinity = np.tanh(raw / 100) / 4 * scipy_samples(confidence, shifts)
+    affinity /= np.maximum(1, abs(affinity).sum(axis=0) + 1e-4)
+    taps = torch.tensor([(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
+    places = shifts.double() + taps.view(8, 2, 1, 1)
+    expected = depth.double()
+    for _ in range(6):
+        moved = (affinity * scipy_samples(expected, places)).sum(axis=0)
+        kept = (1 - affinity.sum(axis=0)) * expected[0, 0].numpy()
+        expected = torch.from_numpy(moved + kept)[None, None]
+    refined = layer(depth, guidance, confidence)
+    # affinities of both signs amplify: values reach 286 m here, and coordinates in [-1, 1] are
+    # wrong by 3.6e-2 m
+    np.testing.assert_allclose(refined.numpy(), expected.numpy(), atol=5e-4, rtol=0)
 
 
 @torch.no_grad()

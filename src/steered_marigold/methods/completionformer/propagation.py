@@ -1,42 +1,70 @@
 """Non-local spatial propagation: Park et al., "Non-Local Spatial Propagation Network for Depth
 Completion", ECCV 2020 (arXiv 2007.10042)."""
 
+from dataclasses import dataclass
+from math import isqrt
+
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 STEPS = 6
 NEIGHBOURS = 8
 
 
-def modulated_deform_conv(
-    x: Float[Tensor, "batch 1 height width"],
-    offsets: Float[Tensor, "batch taps 2 height width"],
-    modulation: Float[Tensor, "batch taps height width"],
-    weight: Float[Tensor, "1 1 side side"],
-    bias: Float[Tensor, " 1"],
-) -> Float[Tensor, "batch 1 height width"]:
-    """Deformable convolution v2 (Zhu et al., CVPR 2019, Eq. 1) of one channel, stride 1.
+@dataclass(frozen=True)
+class Reads:
+    """Which four pixels each bilinear sample reads, and the share of each.
 
-    Tap k, row-major in a kernel of odd side, contributes weight_k * modulation_k * x at the
-    pixel's place + the tap's place in the kernel + offset_k. x is sampled bilinearly and is zero
-    outside the image.
-
-    offsets: (y, x) [px].
+    index: row-major in the image, [batch, 4 * samples, pixels]. share: [batch, 4, samples, height,
+    width]; 0 outside the image.
     """
-    height, width = x.shape[2:]
-    reach = weight.shape[-1] // 2
-    steps = torch.arange(-reach, reach + 1, device=x.device)
-    taps = torch.cartesian_prod(steps, steps).view(-1, 2, 1, 1)
-    rows, columns = (torch.arange(size, device=x.device) for size in (height, width))
+
+    index: Int64[Tensor, "batch reads pixels"]
+    share: Float[Tensor, "batch 4 samples height width"]
+
+
+def bilinear_reads(offsets: Float[Tensor, "batch samples 2 height width"]) -> Reads:
+    """Samples of an image at each pixel's place + offsets (y, x) [px].
+
+    Whole pixels are added as integers and the rest stays near 0. Coordinates that run over the
+    whole image, as those of grid_sample, have no float32 digits left for it.
+    """
+    height, width = offsets.shape[-2:]
+    rows, columns = (torch.arange(size, device=offsets.device) for size in (height, width))
     pixels = torch.stack(torch.meshgrid(rows, columns, indexing="ij"))
-    y, x_ = (pixels + taps + offsets).unbind(2)
-    # grid_sample has the borders of the image, half a pixel beyond the centres, at -1 and 1
-    grid = torch.stack(((2 * x_ + 1) / width - 1, (2 * y + 1) / height - 1), dim=-1)
-    sampled = F.grid_sample(x, grid.flatten(1, 2), align_corners=False)
-    weights = modulation * weight.view(-1, 1, 1)
-    return (sampled.view_as(modulation) * weights).sum(dim=1, keepdim=True) + bias
+    whole = offsets.detach().floor()
+    rest_y, rest_x = (offsets - whole).unbind(2)
+    top, left = (pixels + whole.long()).unbind(2)
+    indices, shares = [], []
+    for y, share_y in ((top, 1 - rest_y), (top + 1, rest_y)):
+        for x, share_x in ((left, 1 - rest_x), (left + 1, rest_x)):
+            inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+            indices.append(y.clamp(0, height - 1) * width + x.clamp(0, width - 1))
+            shares.append(torch.where(inside, share_y * share_x, 0))
+    return Reads(torch.cat(indices, dim=1).flatten(2), torch.stack(shares, dim=1))
+
+
+def sample(
+    image: Float[Tensor, "batch 1 height width"], reads: Reads
+) -> Float[Tensor, "batch samples height width"]:
+    """The bilinear samples; the image is zero outside."""
+    pixels = image.flatten(2).expand(-1, reads.index.shape[1], -1)
+    values = pixels.gather(2, reads.index).view_as(reads.share)
+    return (values * reads.share).sum(dim=1)
+
+
+def kernel_reads(
+    offsets: Float[Tensor, "batch taps 2 height width"],
+) -> Reads:
+    """The samples of a deformable convolution (Zhu et al., CVPR 2019, Eq. 1), stride 1.
+
+    Tap k, row-major in a kernel of odd side, reads the pixel's place + the tap's place in the
+    kernel + offset_k (y, x) [px].
+    """
+    reach = isqrt(offsets.shape[1]) // 2
+    steps = torch.arange(-reach, reach + 1, device=offsets.device)
+    return bilinear_reads(offsets + torch.cartesian_prod(steps, steps).view(-1, 2, 1, 1))
 
 
 class NonLocalPropagation(nn.Module):
@@ -69,8 +97,9 @@ class NonLocalPropagation(nn.Module):
         affinity = self._normalize(affinity, shifts, confidence)
         shifts = _insert_center(shifts, torch.zeros_like(shifts[:, :1]))
         affinity = _insert_center(affinity, 1 - affinity.sum(dim=1, keepdim=True))
+        reads, weights = kernel_reads(shifts), affinity * self.w.view(-1, 1, 1)
         for _ in range(STEPS):
-            depth = modulated_deform_conv(depth, shifts, affinity, self.w, self.b)
+            depth = (sample(depth, reads) * weights).sum(dim=1, keepdim=True) + self.b
         return depth
 
     def _normalize(
@@ -83,12 +112,8 @@ class NonLocalPropagation(nn.Module):
         affinity = torch.tanh(affinity / 100) / (self.aff_scale_const + 1e-8)
         # The weights were trained with confidence read at pixel + shift, without the tap's place
         # in the kernel that the depth itself is read with; the paper has both at the same place.
-        one = torch.ones_like(confidence)
-        read = [
-            modulated_deform_conv(confidence, shift, one, self.w_conf, self.b)
-            for shift in shifts.detach().chunk(NEIGHBOURS, dim=1)
-        ]
-        affinity = affinity * torch.cat(read, dim=1)
+        read = sample(confidence, bilinear_reads(shifts.detach())) * self.w_conf + self.b
+        affinity = affinity * read
         total = affinity.abs().sum(dim=1, keepdim=True) + 1e-4
         return affinity / total.clamp(min=1)
 

@@ -1,0 +1,109 @@
+"""Where cameras stand: the transforms of /tf_static and /tf, and those of librealsense."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steered_marigold.io.bags.cameras import frame_name
+from steered_marigold.io.bags.messages import TRANSFORM, TRANSFORMS
+from steered_marigold.io.bags.reading import Reader, first_message, messages, topics_of
+from steered_marigold.io.bags.topics import realsense_stream
+
+# transforms that differ less than this [m, rad] are one that was sent again
+_STILL = 1e-6
+
+
+def fixed_transform(reader: Reader, source: str, target: str) -> NDArray[Any] | None:
+    """4x4 from points of frame `source` to points of `target`; None if the recording has none.
+
+    Fixed is what /tf_static holds, and what /tf repeats without a change: old programs send fixed
+    transforms again and again.
+    """
+    if source == target and source:
+        return np.eye(4)
+    names = [topic.name for topic in topics_of(reader) if topic.type in TRANSFORMS]
+    transforms = StaticTransforms()
+    for message in messages(reader, [name for name in names if name.endswith("tf_static")]):
+        transforms.add_message(message.decode())
+    _add_realsense(reader, transforms)
+    matrix = transforms.lookup(source, target)
+    if matrix is None:
+        for message in messages(reader, [name for name in names if name.endswith("tf")]):
+            transforms.add_message(message.decode())
+        matrix = transforms.lookup(source, target)
+    return matrix
+
+
+def matrix_of(transform: Any) -> NDArray[Any]:
+    """4x4 of a geometry_msgs Transform: points of the child to points of the parent."""
+    t, q = transform.translation, transform.rotation
+    quaternion = np.array([q.x, q.y, q.z, q.w])
+    x, y, z, w = quaternion / (np.linalg.norm(quaternion) or 1)  # some drivers write only zeros
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = t.x, t.y, t.z
+    return matrix
+
+
+class StaticTransforms:
+    """A forest of frames; those that move are not in it."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, NDArray[Any]]] = {}
+        self._moving: set[str] = set()
+
+    def add(self, parent: str, child: str, matrix: NDArray[Any]) -> None:
+        """Notes that `matrix` takes points of `child` to points of `parent`."""
+        parent, child = frame_name(parent), frame_name(child)
+        known = self._parents.setdefault(child, (parent, matrix))
+        if known[0] != parent or np.abs(known[1] - matrix).max() > _STILL:
+            self._moving.add(child)
+
+    def add_message(self, message: Any) -> None:
+        """Notes all transforms of a TFMessage."""
+        for stamped in message.transforms:
+            matrix = matrix_of(stamped.transform)
+            self.add(stamped.header.frame_id, stamped.child_frame_id, matrix)
+
+    def lookup(self, source: str, target: str) -> NDArray[Any] | None:
+        """4x4 from points of `source` to points of `target`; None if no fixed chain joins them."""
+        upwards, downwards = (
+            self._ancestors(frame_name(source)),
+            self._ancestors(frame_name(target)),
+        )
+        for frame, to_frame in upwards.items():
+            if frame in downwards:
+                matrix: NDArray[Any] = np.linalg.inv(downwards[frame]) @ to_frame
+                return matrix
+        return None
+
+    def _ancestors(self, frame: str) -> dict[str, NDArray[Any]]:
+        """The frame and all above it, each with the matrix that takes its points there."""
+        matrix = np.eye(4)
+        found = {frame: matrix}
+        while frame in self._parents and frame not in self._moving:
+            frame, step = self._parents[frame]
+            if frame in found:
+                break
+            matrix = step @ matrix
+            found[frame] = matrix
+        return found
+
+
+def _add_realsense(reader: Reader, transforms: StaticTransforms) -> None:
+    """Each stream's <stream>/tf/<group>: points of the group's reference to those of the stream.
+
+    As librealsense's device::get_extrinsics writes it and playback_device::calc_extrinsic reads it.
+    """
+    for topic in topics_of(reader):
+        stream, _, group = topic.name.partition("/tf/")
+        if topic.type == TRANSFORM and group and realsense_stream(f"{stream}/image/data"):
+            message = first_message(reader, topic.name)
+            if message is not None:
+                reference_to_stream = matrix_of(message.decode())
+                transforms.add(f"reference {group}", stream, np.linalg.inv(reference_to_stream))
