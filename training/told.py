@@ -10,7 +10,7 @@ from torch import Tensor
 
 from steered_marigold.core import sparsity
 from steered_marigold.core.continuation import LIMIT, known_cells, told_depth
-from steered_marigold.core.sparsity import Measurements
+from steered_marigold.core.frame import Frame
 
 # fewer measurements say nothing about units
 LEAST_MEASURED = 20
@@ -29,13 +29,17 @@ class Told:
     known: Tensor
 
 
-def draw_measured(depth: Tensor, known: Tensor, generator: torch.Generator) -> Measurements:
-    """Measurements [height, width] with holes like those of one of the protocols.
+def draw_measured(depth: Tensor, known: Tensor, generator: torch.Generator) -> Frame:
+    """A frame without a picture, measured with holes like those of one of the protocols.
 
     depth: [m]. known: where there is a truth to measure.
     """
-    everything = Measurements(sparse_depth=torch.where(known, depth, 0), valid_mask=known)
     height, width = depth.shape
+    everything = Frame(
+        image=torch.zeros(height, width, 3, dtype=torch.uint8),
+        sparse_depth=torch.where(known, depth, 0),
+        valid_mask=known,
+    )
 
     def between(low: float, high: float) -> float:
         return low + (high - low) * float(torch.rand((), generator=generator))
@@ -60,7 +64,7 @@ def draw_measured(depth: Tensor, known: Tensor, generator: torch.Generator) -> M
     return sparsity.sample_uniform(everything, int(10 ** between(1.5, 3.5)), generator=generator)
 
 
-def tell(first: Tensor, depth: Tensor, measured: Measurements) -> Told | None:
+def tell(first: Tensor, depth: Tensor, measured: Frame) -> Told | None:
     """What is told after a first answer; None where too little was measured.
 
     first: the first answer [height, width], in the model's units. depth: the truth [m].

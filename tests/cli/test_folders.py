@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 from PIL import Image
-
 from steered_marigold.cli.folders import complete_folders, plan_folders
 from steered_marigold.cli.frames import Completer, complete_frame, read_frame
 from steered_marigold.cli.settings import Inputs, Outputs, Settings
+
 from steered_marigold.errors import InputError
 
 SETTINGS = Settings(seed=5)

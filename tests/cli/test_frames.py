@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-
 from steered_marigold.cli.frames import Completer, complete_frame, read_frame
 from steered_marigold.cli.settings import Inputs, Outputs, Settings, require_consistent
+
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.point_clouds import read_point_cloud

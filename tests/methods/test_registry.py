@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from steered_marigold.errors import CheckpointError, InputError
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.inpainting import OpenCvInpainter
 from steered_marigold.methods.ip_basic import IpBasicCompleter
-from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import METHODS, create_method
 from steered_marigold.methods.steered import SteeredCompleter
 

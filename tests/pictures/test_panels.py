@@ -8,9 +8,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from PIL import Image
+from steered_marigold.io.visualization import draw_panels
 
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.visualization import draw_panels
 
 HEIGHT, WIDTH = 48, 64
 

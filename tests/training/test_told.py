@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from steered_marigold.core.sparsity import Measurements
+from steered_marigold.core.frame import Frame, make_frame
 from training.told import draw_measured, tell
 
 
@@ -16,11 +16,15 @@ def frame() -> tuple[torch.Tensor, torch.Tensor]:
     return first, depth
 
 
+def measured(depth: torch.Tensor, mask: torch.Tensor) -> Frame:
+    return make_frame(torch.zeros(*depth.shape, 3), depth, mask)
+
+
 def test_a_hole_is_told_in_the_units_of_the_first_answer() -> None:
     first, depth = frame()
     mask = torch.ones_like(depth, dtype=torch.bool)
     mask[30:90, 40:120] = False
-    told = tell(first, depth, Measurements(sparse_depth=depth * mask, valid_mask=mask))
+    told = tell(first, depth, measured(depth, mask))
     assert told is not None
     torch.testing.assert_close(told.depth[mask], told.target[mask], atol=0.02, rtol=0)
     slope = (told.target[119, 0] - told.target[0, 0]) / (depth[119, 0] - depth[0, 0])
@@ -34,7 +38,7 @@ def test_too_little_tells_nothing() -> None:
     first, depth = frame()
     mask = torch.zeros_like(depth, dtype=torch.bool)
     mask[0, :5] = True
-    assert tell(first, depth, Measurements(sparse_depth=depth * mask, valid_mask=mask)) is None
+    assert tell(first, depth, measured(depth, mask)) is None
 
 
 def test_holes_vary_and_hide_what_is_unknown() -> None:

@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 
 from steered_marigold.errors import InputError
-from steered_marigold.evaluation.protocol import Protocol
+from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.runner import Evaluator
 from training.evaluation.comparison import means, score
 from training.evaluation.sheet import draw_sheets
 from training.evaluation.subject import Findings, Row, Subject, evenly_spaced
 from training.rgbd import KINDS, held_out_pairs
 
-METHODS = ("linear", "colorization", "marigold", "steered")
+METHODS = ("linear", "colorization", "marigold", "default")
 PROTOCOLS = {
     "streets": ("lidar-64", "lidar-16", "upper-half"),
     "indoors": ("objects", "region", "upper-half"),

@@ -40,13 +40,13 @@ class RgbdOdometry:
 
         Depth [m], 0 = unknown: measurements, or an answer where too little was measured.
         """
-        frames = [
+        earlier, present = (
             cv2.OdometryFrame(depth=metres.float().numpy().copy(), image=colours.numpy().copy())
             for colours, metres in ((earlier_image, earlier_depth), (image, depth))
-        ]
+        )
         try:
-            self._odometry.prepareFrames(*frames)
-            found, matrix = self._odometry.compute(*frames)
+            self._odometry.prepareFrames(earlier, present)
+            found, matrix = self._odometry.compute(earlier, present)
         except cv2.error:  # too few pixels with depth
             return None
         if not found or not np.isfinite(matrix).all():
@@ -63,5 +63,5 @@ def image_flow(
     inverse search", ECCV 2016.
     """
     greys = [cv2.cvtColor(each.numpy(), cv2.COLOR_RGB2GRAY) for each in (earlier_image, image)]
-    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(*greys, None)
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(*greys, None)
     return torch.from_numpy(np.ascontiguousarray(flow))

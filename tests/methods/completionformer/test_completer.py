@@ -12,8 +12,8 @@ from steered_marigold.errors import (
     NoMeasurementsError,
     SizeMismatchError,
 )
-from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
 from steered_marigold.methods.completer import DepthCompleter
+from steered_marigold.methods.completionformer import CompletionFormer, CompletionFormerCompleter
 
 
 @pytest.fixture(autouse=True)
