@@ -129,5 +129,6 @@ def require_another_image(
     apart = ((measured * factor).clamp(max=255) - seen).abs()
     if (apart < 1.5).double().mean() > 0.99:
         raise InputError(
-            "the image is the depth map itself; give the colour or infrared image that belongs to it"
+            "the image is the depth map itself; give the colour or infrared image that belongs "
+            "to it"
         )

@@ -62,6 +62,10 @@ def image_flow(
     Dense inverse search: Kroeger, Timofte, Dai and Van Gool, "Fast optical flow using dense
     inverse search", ECCV 2016.
     """
-    greys = [cv2.cvtColor(each.numpy(), cv2.COLOR_RGB2GRAY) for each in (earlier_image, image)]
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(*greys, None)
+    before, now = (
+        cv2.cvtColor(each.numpy(), cv2.COLOR_RGB2GRAY) for each in (earlier_image, image)
+    )
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(
+        before, now, np.zeros((*now.shape, 2), np.float32)
+    )
     return torch.from_numpy(np.ascontiguousarray(flow))
