@@ -171,12 +171,15 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         return _output(answer, output_type, return_dict)
 
     def view(self, image: Any, knobs: SamplingKnobs) -> Views:
-        """The images on the processing grid; no network runs."""
+        """The images on the processing grid; no network runs. InputError for too thin ones."""
         resolution = self.resolution(knobs)
-        # in float32: antialiased resizing knows no half precision on CPUs
-        pixels, padding, size = self.image_processor.preprocess(
-            image, resolution, "bilinear", self._execution_device, torch.float32
-        )
+        try:
+            # in float32: antialiased resizing knows no half precision on CPUs
+            pixels, padding, size = self.image_processor.preprocess(
+                image, resolution, "bilinear", self._execution_device, torch.float32
+            )
+        except ValueError as error:
+            raise InputError(f"`image` cannot be brought to {resolution} px: {error}") from error
         mirrored = knobs.mirror and knobs.ensemble_size % 2 == 0
         if mirrored:
             inner = self.image_processor.unpad_image(pixels, padding).flip(-1)
