@@ -469,7 +469,7 @@ def test_what_a_checkpoint_continues_survives_saving(
     assert SteeredMarigoldPipeline.from_pretrained(tmp_path).config.continues_known
 
 
-@pytest.mark.parametrize("size", [(1, 1), (64, 1), (1, 64), (2, 2), (33, 3)])
+@pytest.mark.parametrize("size", [(1, 1), (24, 1), (1, 24), (2, 2), (33, 3)])
 def test_thin_images(pipeline_with_encoder: SteeredMarigoldPipeline, size: tuple[int, int]) -> None:
     depth = torch.full(size, 2.0)
     answer = pipeline_with_encoder(torch.zeros(3, *size), depth, preset="fast")
