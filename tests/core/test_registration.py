@@ -120,7 +120,7 @@ def _brute_force(
     extrinsics: torch.Tensor,
     size: tuple[int, int],
 ) -> dict[tuple[int, int], tuple[float, tuple[int, int]]]:
-    """For each image pixel the nearest measurement whose rectangle holds its centre; plain loops."""
+    """The nearest measurement whose rectangle holds a pixel's centre, for each; plain loops."""
     seen: dict[tuple[int, int], tuple[float, tuple[int, int]]] = {}
     E = extrinsics.tolist()
     (fx, _, cx), (_, fy, cy), _ = depth_K.double().tolist()

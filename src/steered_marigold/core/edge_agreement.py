@@ -116,7 +116,7 @@ def _range(length: int, side: int) -> NDArray[np.int64]:
 def _agreements(
     strength: NDArray[np.float32], edges: NDArray[np.int64], reach: int
 ) -> NDArray[np.float32]:
-    """Mean strength under the edges for each of the scales at each shift of -reach..reach, [y, x]."""
+    """Mean strength under the edges at each scale and shift of -reach..reach, [scale, y, x]."""
     shape = np.array(strength.shape)
     fast = [fft.next_fast_len(int(size) + 2 * reach, real=True) for size in shape]
     image_spectrum = fft.rfft2(np.pad(strength - strength.mean(), reach), fast)

@@ -193,8 +193,8 @@ def _advice(size: tuple[int, int], sensor: tuple[int, int]) -> str:
     lost = 1 - fitting[0] * fitting[1] / (height * width)
     if lost > _NEARLY:
         return (
-            f"{text}, so not the same field of view; crop one to the other's, or register the depth "
-            "by its camera with `depth_intrinsics` and `extrinsics`"
+            f"{text}, so not the same field of view; crop one to the other's, or register the "
+            "depth by its camera with `depth_intrinsics` and `extrinsics`"
         )
     return (
         f"{text}; if the view is the same but for the border, crop the image to "
