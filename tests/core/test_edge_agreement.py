@@ -76,4 +76,4 @@ def test_real_frames_are_not_doubted_and_moved_ones_are(nyuv2_train: Path) -> No
         assert misalignment_doubts(image, frame.depth, frame.valid_mask) == (), file
         moved, valid = (t.roll((8, 24), (0, 1)) for t in (frame.depth, frame.valid_mask))
         found += len(misalignment_doubts(image, moved, valid))
-    assert found >= 0.8 * len(frames)
+    assert found >= 0.5 * len(frames)
