@@ -128,7 +128,7 @@ def test_what_cannot_be_had_leaves_no_file_at_all(
     with pytest.raises(InputError, match="`point_cloud` needs `intrinsics`"):
         _save(completer, replace(frame, K=None), depth=out, point_cloud=cloud)
     nothing = frame.keep(torch.zeros_like(frame.valid_mask))
-    with pytest.raises(InputError, match="`point_cloud` needs .* metric depth"):
+    with pytest.raises(InputError, match=r"`point_cloud` needs .* metric depth"):
         _save(completer, nothing, depth=out, point_cloud=cloud)
     with pytest.raises(InputError, match="cannot be written"):
         _save(completer, frame, depth=out, visualization=tmp_path / "missing" / "panels.png")
