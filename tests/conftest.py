@@ -60,3 +60,15 @@ def frame_folders(tmp_path: Path) -> tuple[Path, Path]:
     for index in range(3):
         write_frame(images / f"{index:04d}.png", depths / f"{index:04d}.png", seed=index)
     return images, depths
+
+
+@pytest.fixture(scope="session")
+def sequence() -> Path:
+    """Consecutive real frames, and two of which the depth is not registered."""
+    return _folder("sequence")
+
+
+@pytest.fixture(scope="session")
+def rgbd() -> Path:
+    """RGB-D pairs of other sources."""
+    return _folder("rgbd")

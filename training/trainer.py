@@ -22,8 +22,8 @@ class Trainer:
 
     The loss function returns named scalars; "loss" is minimised. `run` holds `log.csv` and
     `last.pt` (weights and their exponential average; the optimiser restarts with its warm-up).
-    procedural_only: whether these weights and this run's data are free of NYUv2; `last.pt` tells
-    whether all runs were.
+    procedural_only: whether these weights and this run's data are free of photographs; `last.pt`
+    tells whether all runs were.
     """
 
     model: nn.Module

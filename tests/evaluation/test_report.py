@@ -18,7 +18,16 @@ from steered_marigold.evaluation.tables import area_table, comparison_table, to_
 from steered_marigold.methods.completer import DepthCompleter
 
 PAPER = Path(__file__).resolve().parents[3] / "shared" / "paper" / "steered_marigold.tex"
-ROW_KEYS = {"method", "runs_as", "protocol", "area", "images", "failed", *METRICS, "seconds_per_image"}
+ROW_KEYS = {
+    "method",
+    "runs_as",
+    "protocol",
+    "area",
+    "images",
+    "failed",
+    *METRICS,
+    "seconds_per_image",
+}
 
 
 @pytest.fixture(scope="module")
