@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from steered_marigold.cli.frames import Completer
 from typer.testing import CliRunner, Result
 
 from examples import demo
 from steered_marigold.cli import app, complete
-from steered_marigold.cli.frames import Completer
 from steered_marigold.errors import CheckpointError, MissingExtraError, SteeredMarigoldError
 
 KEYS = {

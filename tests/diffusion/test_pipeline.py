@@ -308,8 +308,8 @@ def test_saves_and_loads_with_its_image_encoder(
         p(*frame(), preset=preset, num_inference_steps=2, generator=seeded()).depth
         for p in (pipeline_with_encoder, loaded)
     ]
-    # memory that is aligned otherwise may be summed in another order
-    torch.testing.assert_close(*answers, rtol=1e-4, atol=1e-4)
+    # memory that is aligned otherwise may be summed in another order, which edges amplify
+    torch.testing.assert_close(*answers, rtol=1e-3, atol=1e-3)
 
 
 def test_offload_order_names_every_model(pipeline_with_encoder: SteeredMarigoldPipeline) -> None:
@@ -467,3 +467,15 @@ def test_what_a_checkpoint_continues_survives_saving(
     pipeline.register_to_config(continues_known=True)
     pipeline.save_pretrained(tmp_path)
     assert SteeredMarigoldPipeline.from_pretrained(tmp_path).config.continues_known
+
+
+@pytest.mark.parametrize("size", [(1, 1), (24, 1), (1, 24), (2, 2), (33, 3)])
+def test_thin_images(pipeline_with_encoder: SteeredMarigoldPipeline, size: tuple[int, int]) -> None:
+    depth = torch.full(size, 2.0)
+    answer = pipeline_with_encoder(torch.zeros(3, *size), depth, preset="fast")
+    torch.testing.assert_close(answer.depth[0], depth)
+
+
+def test_images_that_are_too_thin_are_refused(pipeline: SteeredMarigoldPipeline) -> None:
+    with pytest.raises(InputError, match="aspect ratio"):
+        pipeline(torch.zeros(3, 1000, 3), torch.ones(1000, 3))

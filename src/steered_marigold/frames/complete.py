@@ -48,6 +48,7 @@ def complete_frame(
 
     Raises InputError where these cannot be had, NoMeasurementsError where nothing was measured.
     """
+    require_max_uncertainty(max_uncertainty)
     if max_uncertainty is not None and not frame.measured:
         raise InputError(
             "without measurements the depth is relative: there are no metres for `max_uncertainty`"
@@ -85,6 +86,12 @@ def complete_frame(
         "treated_as_missing": dict(frame.missing) or None,
     }
     return completion, Record(values=values, notices=(*frame.notices, *_doubts(completion)))
+
+
+def require_max_uncertainty(max_uncertainty: float | None) -> None:
+    """InputError for a bound [m] that is no positive number."""
+    if max_uncertainty is not None and not 0 < max_uncertainty < float("inf"):
+        raise InputError(f"`max_uncertainty` must be a positive number, not {max_uncertainty}")
 
 
 def require_uncertainty(completion: DepthCompletion) -> torch.Tensor:
