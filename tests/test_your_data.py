@@ -209,4 +209,5 @@ def test_each_line_runs(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         depth = read_depth(path).depth
         middle = depth[depth.shape[0] // 2 :, depth.shape[1] // 2]
         assert 1.1 < float(depth.median()) < 3.5
-        assert float(middle.min()) == pytest.approx(1.6, rel=0.1)
+        # at the border of what was measured the answer is free to differ
+        assert float(middle.quantile(0.05)) == pytest.approx(1.6, rel=0.1)

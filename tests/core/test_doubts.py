@@ -7,7 +7,8 @@ import pytest
 import torch
 from PIL import Image
 
-from steered_marigold.core.doubts import inversion_doubts, require_another_image, scale_doubts
+from steered_marigold.core.doubts import require_another_image, scale_doubts
+from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.errors import InputError
 from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.images import read_image
