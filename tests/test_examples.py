@@ -2,7 +2,6 @@
 
 import re
 from ast import literal_eval
-from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,13 +9,12 @@ import pytest
 import torch
 
 from examples import complete_frame
-from steered_marigold.diffusion.settings import PRESETS, Preset
+from steered_marigold.diffusion.settings import KNOBS, PRESETS
 from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.point_clouds import read_point_cloud
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
-SCALARS = {field.name for field in fields(Preset)} - {"scheduler", "finishing"}
 
 
 def test_complete_frame(tmp_path: Path) -> None:
@@ -38,7 +36,17 @@ def test_preset_table_of_the_docs() -> None:
     rows = re.findall(r"^\| `(\w+)` \| `(.+)` \| `(.+)` \| `(.+)` \|$", text, re.MULTILINE)
     shown = {name: [literal_eval(cell) for cell in cells] for name, *cells in rows}
     presets = [PRESETS[name] for name in ("default", "fast", "paper")]
-    assert shown == {name: [getattr(preset, name) for preset in presets] for name in SCALARS}
+    expected = {name: [preset.knobs[name] for preset in presets] for name in KNOBS}
+    for name in ("prompt_tokens", "minimum_depth", "dtype"):
+        expected[name] = [getattr(preset, name) for preset in presets]
+    assert shown == expected
+
+
+def test_only_its_alignment_sets_the_authors_uniform_run_apart() -> None:
+    text = " ".join((ROOT / "docs" / "api.md").read_text(encoding="utf-8").split())
+    assert '`paper-minmax` is `paper` with `condition_alignment="minmax"`' in text
+    paper = PRESETS["paper"]
+    assert PRESETS["paper-minmax"] == paper.override(condition_alignment="minmax")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
