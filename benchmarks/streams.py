@@ -1,9 +1,12 @@
-"""Whether memory makes a stream better: a real sequence with depth hidden, frame by frame and not.
+"""Whether memory makes a stream better: depth is hidden, and completed frame by frame and not.
 
-    python -m benchmarks.streams ../shared/data/sequence --frames 40
+    python -m benchmarks.streams --sequence ../shared/data/sequence --frames 40
+    python -m benchmarks.streams --room 900000 --holes sensor --frames 40
 
-The folder holds rgb/NNNN.jpg, depth/NNNN.png (mm) and pose/NNNN.txt (camera to world), K in its
-README. What the camera measured where depth was hidden is the truth.
+A sequence's folder holds rgb/NNNN.jpg, depth/NNNN.png (mm) and pose/NNNN.txt (camera to world),
+its K is the one below; what the camera measured where depth was hidden is the truth. A room is
+rendered, and its truth is exact; the checkpoint was trained on others of this generator, so that
+only the comparison counts.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,6 +21,8 @@ import typer
 from torch import Tensor
 
 from benchmarks.measuring import machine, markdown_table, write_json
+from rooms.render import camera_path
+from rooms.sensor import sensor_holes
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.geometry import unproject
@@ -29,17 +34,27 @@ from steered_marigold.io.odometry import find_warp, image_flow
 from steered_marigold.methods.steered import SteeredCompleter
 from steered_marigold.methods.streaming import StreamingCompleter
 
-K = torch.tensor([[262.5, 0.0, 160.0], [0.0, 262.5, 120.0], [0.0, 0.0, 1.0]])
+SEQUENCE_K = torch.tensor([[262.5, 0.0, 160.0], [0.0, 262.5, 120.0], [0.0, 0.0, 1.0]])
 # points whose depth, moved from one frame to the next, differs less are the same and stand still
 STILL = 0.03
 
 
 @dataclass(frozen=True)
 class View:
-    """A frame as it was measured, and the camera's place in the world."""
+    """A frame with all that is known of its depth, and the camera's place in the world.
+
+    seen: where a real sensor would have measured.
+    """
 
     frame: Frame
     pose: Tensor
+    seen: Tensor
+
+    @property
+    def K(self) -> Tensor:  # noqa: N802
+        """[px]."""
+        assert self.frame.K is not None
+        return self.frame.K
 
     def motion_to(self, later: "View") -> Tensor:
         """Points of this camera's frame to the later one's."""
@@ -56,11 +71,33 @@ def read_views(folder: Path, first: int, count: int) -> list[View]:
             image=read_image(folder / "rgb" / f"{i:04}.jpg").pixels,
             sparse_depth=measured.depth,
             valid_mask=measured.valid_mask,
-            K=K,
+            K=SEQUENCE_K,
         )
         pose = torch.from_numpy(np.loadtxt(folder / "pose" / f"{i:04}.txt"))
-        views.append(View(frame, pose))
+        views.append(View(frame, pose, measured.valid_mask))
     return views
+
+
+def render_views(seed: int, count: int) -> list[View]:
+    """So many frames of a hand-held camera in a rendered room."""
+    views = []
+    for room in camera_path(seed, count):
+        depth = torch.from_numpy(room.depth)
+        frame = Frame(
+            image=torch.from_numpy(room.image),
+            sparse_depth=depth,
+            valid_mask=torch.ones_like(depth, dtype=torch.bool),
+            K=torch.from_numpy(room.K).float(),
+        )
+        seen = torch.from_numpy(sensor_holes(room, np.random.default_rng(seed)))
+        views.append(View(frame, torch.from_numpy(room.camera_to_world).double(), seen))
+    return views
+
+
+def sensor(views: list[View]) -> Iterator[Tensor]:
+    """What a real sensor would not have measured; nothing in a real sequence."""
+    for view in views:
+        yield ~view.seen
 
 
 def blobs(views: list[View]) -> Iterator[Tensor]:
@@ -104,7 +141,7 @@ def surface(views: list[View]) -> Iterator[Tensor]:
 
 
 def _in_world(view: View) -> Tensor:
-    points = unproject(view.frame.sparse_depth, K).double()
+    points = unproject(view.frame.sparse_depth, view.K).double()
     return points @ view.pose[:3, :3].T + view.pose[:3, 3]
 
 
@@ -113,6 +150,7 @@ HOLES: dict[str, Callable[[list[View]], Iterator[Tensor]]] = {
     "window": window,
     "dropped": dropped,
     "surface": surface,
+    "sensor": sensor,
 }
 FindWarp = Callable[[Frame, Frame, Tensor], Warp | None]
 ToWarp: dict[str, FindWarp] = {
@@ -174,7 +212,7 @@ def scores(views: list[View], hidden: list[Tensor], depths: list[Tensor]) -> tup
         if i:
             before = views[i - 1].frame
             moved = warp_depth(
-                before.sparse_depth, before.valid_mask, K, views[i - 1].motion_to(view)
+                before.sparse_depth, before.valid_mask, view.K, views[i - 1].motion_to(view)
             )
             still = (moved.depth.clamp(min=1e-3) / safe).log().abs() < STILL
             both = judged & moved.valid_mask & still & (moved.carry(hidden[i - 1].float()) > 0)
@@ -184,27 +222,30 @@ def scores(views: list[View], hidden: list[Tensor], depths: list[Tensor]) -> tup
 
 
 def main(
-    folder: Annotated[Path, typer.Argument(help="Folder of the sequence.")],
+    sequence: Annotated[Path | None, typer.Option(help="Folder of a sequence.")] = None,
+    room: Annotated[int | None, typer.Option(help="Seed of a rendered room.")] = None,
     frames: Annotated[int, typer.Option(help="Consecutive frames.")] = 40,
     first: Annotated[int, typer.Option(help="The first of them.")] = 0,
-    holes: Annotated[str, typer.Option(help="Kinds of holes, by comma.")] = ",".join(HOLES),
+    holes: Annotated[str, typer.Option(help="Kinds, by comma.")] = "blobs,window,dropped,surface",
     ways: Annotated[str, typer.Option(help="Ways, by semicolon.")] = ";".join(WAYS),
     threads: Annotated[int, typer.Option()] = 2,
     output: Annotated[Path, typer.Option(help="Folder of the JSON file.")] = Path("runs/bench"),
 ) -> None:
     """Error and flicker in the holes of each way through the same frames."""
     torch.set_num_threads(threads)
-    views = read_views(folder, first, frames)
+    if (sequence is None) == (room is None):
+        raise typer.BadParameter("name either a sequence or a room")
+    views = read_views(sequence, first, frames) if sequence else render_views(room or 0, frames)
     rows: dict[str, dict[str, tuple[float, float]]] = {}
     for kind in holes.split(","):
         hidden = list(HOLES[kind](views))
         for way in ways.split(";"):
             depths = [answer.depth[0] for answer in answers(way, views, hidden)]
             rows.setdefault(kind, {})[way] = scores(views, hidden, depths)
-        print(f"\n{kind}: {frames} frames from {first} on, 320x240\n")
+        print(f"\n{kind}: {frames} frames, 320x240, from {first if sequence else room} on\n")
         cells = [(way, f"{e:.4f}", f"{c:.4f}") for way, (e, c) in rows[kind].items()]
         print(markdown_table(("", "error in holes", "flicker"), cells), flush=True)
-    record = {"machine": machine(), "frames": frames, "first": first, "rows": rows}
+    record = {"machine": machine(), "frames": frames, "first": first, "room": room, "rows": rows}
     write_json(output / "streams.json", record)
 
 
