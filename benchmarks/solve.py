@@ -46,7 +46,7 @@ def main(
                 timing = measure_interleaved(works, warm_up=2, repeats=repeats)
                 timings[f"{stage}, {size}, {share:.0%} measured"] = timing
     print(table(timings))
-    record = {"machine": machine(threads), "since": since, "timings": timings}
+    record = {"machine": machine(), "since": since, "timings": timings}
     write_json(output / "solve.json", record)
 
 

@@ -8,6 +8,7 @@ from steered_marigold.errors import InputError
 
 _PLAUSIBLE_M = (0.01, 200.0)
 _FAR_SHARE = 0.97  # of the largest depth: what lies above is "at the end of the range"
+_LEAST_FILL_M = 9.5  # nearer ends of the range are walls
 _GAP = 3.0  # how many times nearer everything else is
 _FEWEST_FAR, _FEWEST_PIXELS = 0.002, 20
 _MOST_BETWEEN = 0.1  # of those at the end
@@ -33,7 +34,7 @@ def scale_doubts(
     largest = float(measured.max())
     at_end = int((measured >= _FAR_SHARE * largest).sum())
     between = int((measured > largest / _GAP).sum()) - at_end
-    if at_end == len(measured) or at_end < max(_FEWEST_PIXELS, _FEWEST_FAR * len(measured)):
+    if largest < _LEAST_FILL_M or at_end == len(measured) or at_end < max(_FEWEST_PIXELS, _FEWEST_FAR * len(measured)):
         return ()
     if between > _MOST_BETWEEN * at_end:
         return ()
