@@ -34,7 +34,11 @@ def scale_doubts(
     largest = float(measured.max())
     at_end = int((measured >= _FAR_SHARE * largest).sum())
     between = int((measured > largest / _GAP).sum()) - at_end
-    if largest < _LEAST_FILL_M or at_end == len(measured) or at_end < max(_FEWEST_PIXELS, _FEWEST_FAR * len(measured)):
+    if (
+        largest < _LEAST_FILL_M
+        or at_end == len(measured)
+        or at_end < max(_FEWEST_PIXELS, _FEWEST_FAR * len(measured))
+    ):
         return ()
     if between > _MOST_BETWEEN * at_end:
         return ()

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.colours import to_8_bits
 from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.geometry import crop_intrinsics
 from steered_marigold.core.notices import Notices
@@ -93,7 +94,7 @@ def make_frame(
 
     Raises InputError or SizeMismatchError, naming the argument, for what is none of these.
     """
-    pixels = rgb_bytes(image)
+    pixels, notices = rgb_bytes(image)
     height, width = pixels.shape[:2]
     if sparse_depth is None:
         depth, valid = torch.zeros(height, width), torch.zeros(height, width, dtype=torch.bool)
@@ -114,12 +115,14 @@ def make_frame(
         K=None if K is None else check_intrinsics(K),
         id=id,
         stamp=stamp,
-        notices=scale_doubts(depth, valid),
+        notices=notices + scale_doubts(depth, valid),
     )
 
 
-def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
-    """RGB in 0..255 from what `make_frame` takes as an image; alpha is dropped.
+def rgb_bytes(image: Any) -> tuple[UInt8[Tensor, "height width 3"], Notices]:
+    """RGB in 0..255 from what `make_frame` takes as an image, and what was stretched for it.
+
+    Alpha is dropped.
 
     Raises InputError, with what to do, for another shape, type or range.
     """
@@ -140,12 +143,12 @@ def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
                 "floats must lie in 0..1, or give uint8"
             )
         values = np.rint(values * 255).astype(np.uint8)
-    elif values.dtype == np.uint16:
-        values = (values >> 8).astype(np.uint8)
-    elif values.dtype != np.uint8:
+    elif values.dtype not in (np.uint8, np.uint16):
         raise InputError(f"`image` must be uint8, uint16 or floats in 0..1, not {values.dtype}")
-    colours = values[..., :3] if values.shape[2] >= 3 else values.repeat(3, axis=2)
-    return torch.from_numpy(np.array(colours))
+    values, notices = to_8_bits(values[..., 0] if values.shape[2] == 1 else values[..., :3])
+    if values.ndim == 2:
+        values = values[..., None].repeat(3, axis=2)
+    return torch.from_numpy(np.array(values)), notices
 
 
 def check_intrinsics(K: Any) -> Float[Tensor, "3 3"]:
