@@ -16,8 +16,8 @@ from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.registration import register_depth
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from steered_marigold.io.confidence_maps import read_confidence
+from steered_marigold.io.depth_encodings import MILLIMETRE
 from steered_marigold.io.depth_maps import (
-    MILLIMETRE,
     read_depth,
     write_depth,
     write_saturating,

@@ -100,6 +100,7 @@ def to_numbers(path: Path, array: NDArray[Any], encoding: str) -> tuple[NDArray[
 
 
 def to_metres(
+    path: Path,
     numbers: NDArray[Any],
     encoding: str,
     *,
@@ -115,7 +116,7 @@ def to_metres(
     if depth_scale is None and not is_float and encoding in ("disparity", "inverse"):
         unit = "pixels" if encoding == "disparity" else "1/m"
         raise InputError(
-            f"the file holds integers: `depth_scale` must tell their unit in {unit}, such as "
+            f"{path}: holds integers: `depth_scale` must tell their unit in {unit}, such as "
             "1/256 as KITTI writes disparity, or 1/16 as OpenCV does"
         )
     default = 1.0 if is_float or encoding == "carla" else MILLIMETRE
