@@ -24,7 +24,7 @@ def _metres(height: int = HEIGHT, width: int = WIDTH) -> NDArray[np.float64]:
     """A floor and a box before a wall, with a hole."""
     rows = np.linspace(-1, 1, height)[:, None]
     depth = np.broadcast_to(np.minimum(3.0, 1.6 / np.maximum(rows, 0.01)), (height, width)).copy()
-    depth[height // 3 : height // 2, width // 4 : width // 2] = 1.2
+    depth[height // 3 : 2 * height // 5, width // 4 : 2 * width // 5] = 1.2
     depth[: height // 6, : width // 5] = 0
     return depth
 
