@@ -28,7 +28,7 @@ Rgbd = Annotated[Path | None, typer.Option(help="Folder of RGB-D pairs of other 
 ProceduralOnly = Annotated[
     bool, typer.Option("--procedural-only", help="Train on rooms alone; measure on the tune split.")
 ]
-Minutes = Annotated[float, typer.Option(help="How long to train.")]
+Minutes = Annotated[float, typer.Option(help="How long to train, in processor minutes.")]
 From = Annotated[
     str | None,
     typer.Option(

@@ -25,6 +25,8 @@ FROZEN_STAGES = 2
 FEATURES = 48
 # how often the backbone's last block is left out in training
 DROPPED = 0.15
+# share of the learning rate for weights that a run trained before
+AGAIN = 0.5
 
 
 class DepthRegressor(nn.Module):
@@ -120,7 +122,8 @@ def train(
     """
     model = build().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     encoder = model.encoder
-    if not has_run(run):
+    again = has_run(run)
+    if not again:
         load_part(encoder, start, "image_encoder")
     freeze(encoder)
     drop_blocks(encoder)
@@ -128,8 +131,8 @@ def train(
     ids = {id(p) for p in encoder.stages.parameters()} | {id(p) for p in encoder.stem.parameters()}
     rest = [p for p in model.parameters() if id(p) not in ids]
     groups: list[dict[str, object]] = [
-        {"params": backbone, "lr": 3e-4},
-        {"params": rest, "lr": 1.2e-3},
+        {"params": backbone, "lr": 3e-4 * (AGAIN if again else 1)},
+        {"params": rest, "lr": 1.2e-3 * (AGAIN if again else 1)},
     ]
     procedural_only = sources.procedural_only and is_procedural(start)
     trainer = Trainer(model, groups, run, minutes, procedural_only)

@@ -120,7 +120,7 @@ def _brute_force(
     extrinsics: torch.Tensor,
     size: tuple[int, int],
 ) -> dict[tuple[int, int], tuple[float, tuple[int, int]]]:
-    """For each pixel the nearest measurement whose rectangle holds its centre; plain loops."""
+    """The nearest measurement whose rectangle holds a pixel's centre, for each; plain loops."""
     seen: dict[tuple[int, int], tuple[float, tuple[int, int]]] = {}
     E = extrinsics.tolist()
     (fx, _, cx), (_, fy, cy), _ = depth_K.double().tolist()
@@ -254,7 +254,7 @@ def test_a_real_depth_camera_meets_the_edges_of_the_image(sequence: Path, frame:
     assert before is not None
     assert after is not None
     assert after.here > after.best
-    assert before.best > before.here + 1.5
+    assert before.best > before.here + 2.2
     assert after.here > before.here + 3
     notices = misalignment_doubts(image, sensor.depth, sensor.valid_mask)
     assert [notice.kind for notice in notices] == ["misaligned"]

@@ -53,8 +53,8 @@ def _devices() -> str:
     there = torch.cpu.get_capabilities()
     features = [name for name in INSTRUCTIONS if there.get(name)]
     fast = str(fastest_dtype(device)).removeprefix("torch.")
-    threads = f"{torch.get_num_threads()} threads"
-    return f"runs on {device} in {fast}; CPU with {threads}, {', '.join(features) or 'plain instructions'}"
+    cpu = ", ".join([f"{torch.get_num_threads()} threads", *features])
+    return f"runs on {device} in {fast}; CPU with {cpu}"
 
 
 def _self_test() -> str:

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import LEAST_NOISE, SensorNoise
+from steered_marigold.core.frame import Frame
 from steered_marigold.core.registration import Registration
 
 # depth [m] and mask of the earlier frame, as the present one sees them; see core/warping.py
@@ -41,16 +42,13 @@ LEAST_SHARE_OF_VARIANCE = 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class Recalled:
-    """Measurements of the present frame and those of earlier ones in its holes.
+    """A frame with measurements of earlier ones in its holes.
 
-    sparse_depth: [m], 0 where valid_mask is False. confidence: in [0, 1], divides the noise's
-    variance; None if nothing is remembered and none was given. remembered: valid only through
-    memory.
+    remembered: where frame.valid_mask is True through memory alone; frame.confidence, which
+    divides the noise's variance, is lower there.
     """
 
-    sparse_depth: Float[Tensor, "height width"]
-    valid_mask: Bool[Tensor, "height width"]
-    confidence: Float[Tensor, "height width"] | None
+    frame: Frame
     remembered: Bool[Tensor, "height width"]
 
 
@@ -80,73 +78,62 @@ class StreamMemory:
         """The next frame starts anew."""
         self._measured = self._answer = None
 
-    def recall(
-        self,
-        image: UInt8[Tensor, "height width 3"],
-        sparse_depth: Float[Tensor, "height width"],
-        valid_mask: Bool[Tensor, "height width"],
-        warp: Warp | None,
-        *,
-        confidence: Float[Tensor, "height width"] | None = None,
-    ) -> Recalled:
-        """The frame's measurements [m] and, in its holes, remembered ones.
+    def recall(self, frame: Frame, warp: Warp | None) -> Recalled:
+        """The frame with remembered measurements in its holes.
 
-        Present measurements are kept as they are, with their confidence.
+        Its own measurements are kept as they are, with their confidence.
         """
-        least = self._noise.relative(sparse_depth.clamp(min=1e-6)).clamp(min=LEAST_NOISE) ** 2
-        present = _Known(sparse_depth, least, valid_mask, image.float())
-        past = _moved(self._measured, warp, image)
+        past = _moved(self._measured, warp, frame.image)
+        least = self._variance(frame.sparse_depth)
+        present = _Known(frame.sparse_depth, least, frame.valid_mask, frame.image.float())
         if past is None:
             self._measured = present
-            nothing = torch.zeros_like(valid_mask)
-            return Recalled(
-                sparse_depth=sparse_depth,
-                valid_mask=valid_mask,
-                confidence=confidence,
-                remembered=nothing,
-            )
+            return Recalled(frame=frame, remembered=torch.zeros_like(frame.valid_mask))
         variance = past.variance + DISAGREEMENT_SHARE * _disagreement(past, present)
-        remembered = past.mask & ~valid_mask & (variance < FORGET_NOISE**2)
-        depth = torch.where(remembered, past.depth, sparse_depth)
+        remembered = past.mask & ~frame.valid_mask & (variance < FORGET_NOISE**2)
+        depth = torch.where(remembered, past.depth, frame.sparse_depth)
         self._measured = _Known(
-            depth, torch.where(valid_mask, least, variance), valid_mask | remembered, image.float()
+            depth,
+            torch.where(remembered, variance, least),
+            frame.valid_mask | remembered,
+            frame.image.float(),
         )
-        expected = self._noise.relative(depth.clamp(min=1e-6)).clamp(min=LEAST_NOISE) ** 2
-        given = torch.ones_like(depth) if confidence is None else confidence
-        weaker = torch.where(remembered, expected / variance.clamp(min=1e-12), 0.0)
-        return Recalled(
+        own = torch.ones_like(depth) if frame.confidence is None else frame.confidence
+        weaker = (self._variance(depth) / variance).clamp(max=1.0)
+        filled = replace(
+            frame,
             sparse_depth=depth,
-            valid_mask=valid_mask | remembered,
-            confidence=torch.where(valid_mask, given, weaker.clamp(max=1.0)),
-            remembered=remembered,
+            valid_mask=frame.valid_mask | remembered,
+            confidence=torch.where(remembered, weaker, own),
         )
+        return Recalled(frame=filled, remembered=remembered)
+
+    def _variance(self, depth: Tensor) -> Tensor:
+        """Of the log of a measurement made now."""
+        return self._noise.relative(depth.clamp(min=1e-6)).clamp(min=LEAST_NOISE) ** 2
 
     def settle(
-        self,
-        image: UInt8[Tensor, "height width 3"],
-        completion: DepthCompletion,
-        known: Bool[Tensor, "height width"],
-        warp: Warp | None,
+        self, frame: Frame, completion: DepthCompletion, warp: Warp | None
     ) -> DepthCompletion:
-        """The completion of one frame, its depth averaged with the last answer's outside `known`.
+        """The completion of the frame, averaged with the last answer where nothing was known.
 
-        The weights are those of their variances, the present one from `uncertainty`, which is
-        left as it is; without it the completion is returned unchanged.
+        frame: as `recall` gave it. The weights are those of the variances, the present one from
+        `uncertainty`, which is left as it is; without it the completion is returned unchanged.
         """
         if completion.uncertainty is None or not completion.metric:
             self._answer = None
             return completion
         depth = completion.depth[0]
         variance = (completion.uncertainty[0] / depth) ** 2
-        past = _moved(self._answer, warp, image)
+        past = _moved(self._answer, warp, frame.image)
         if past is not None:
             step = torch.where(past.mask, (past.depth / depth).clamp(min=1e-6).log(), 0.0)
-            alike = past.mask & ~known & (step.abs() < OTHER_DEPTH)
+            alike = past.mask & ~frame.valid_mask & (step.abs() < OTHER_DEPTH)
             gain = torch.where(alike, variance / (variance + past.variance), 0.0)
             depth = depth * torch.exp(gain * step)
             variance = torch.maximum((1 - gain) * variance, LEAST_SHARE_OF_VARIANCE * variance)
-        everywhere = torch.ones_like(known)
-        self._answer = _Known(depth, variance, everywhere, image.float())
+        everywhere = torch.ones_like(frame.valid_mask)
+        self._answer = _Known(depth, variance, everywhere, frame.image.float())
         return replace(completion, depth=depth[None])
 
 

@@ -59,7 +59,7 @@ def register_depth(
     # (i + 1/2) height / rows; integer arithmetic keeps ties exact
     y = (2 * (indices // columns) + 1) * height // (2 * rows)
     x = (2 * (indices % columns) + 1) * width // (2 * columns)
-    return _nearest_of_each(depth, indices, y * width + x, depth.flatten()[indices], size)
+    return nearest_of_each(depth, indices, y * width + x, depth.flatten()[indices], size)
 
 
 def register_depth_camera(
@@ -79,7 +79,7 @@ def register_depth_camera(
     Each measurement covers the rectangle that its pixel covers in the image, so that a finer image
     gets no holes; of those that cover a pixel the nearest is seen. One that lies behind the
     image's camera or outside its view is left out. Measurements that a nearer surface hides, and
-    that still show between that surface's pixels, are left out too (see _hidden).
+    that still show between that surface's pixels, are left out too (see without_hidden).
 
     Raises InputError if `extrinsics` is no rigid motion.
     """
@@ -97,11 +97,11 @@ def register_depth_camera(
     half = spread * growth[:, None] / 2
     values = moved[:, 2].to(depth.dtype)
     cells, owners = _covered_pixels(centre - half, centre + half, size)
-    seen = _nearest_of_each(depth, indices[owners], cells, values[owners], size)
-    return _without_hidden(seen)
+    seen = nearest_of_each(depth, indices[owners], cells, values[owners], size)
+    return without_hidden(seen)
 
 
-def _nearest_of_each(
+def nearest_of_each(
     depth: Float[Tensor, "sensor_height sensor_width"],
     indices: Int64[Tensor, "hits"],
     cells: Int64[Tensor, "hits"],
@@ -153,7 +153,7 @@ def _covered_pixels(
     return torch.cat([none, *cells]), torch.cat([none, *owners])
 
 
-def _without_hidden(seen: Registration) -> Registration:
+def without_hidden(seen: Registration) -> Registration:
     """Drops pixels that nearer ones surround: a hidden surface that shows through a mesh.
 
     Hidden: in at least 5 of the 8 neighbours something is nearer by more than 5 %.

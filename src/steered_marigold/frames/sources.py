@@ -9,13 +9,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from steered_marigold.core.doubts import (
-    inversion_doubts,
-    require_another_image,
-    scale_doubts,
-)
+from steered_marigold.core.doubts import require_another_image, scale_doubts
 from steered_marigold.core.edge_agreement import misalignment_doubts
 from steered_marigold.core.frame import Frame
+from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.core.registration import (
     Registration,
     register_depth,

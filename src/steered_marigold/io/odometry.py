@@ -6,7 +6,40 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from steered_marigold.core.frame import Frame
+from steered_marigold.core.memory import Warp
+from steered_marigold.core.warping import warp_by_flow, warp_depth
 from steered_marigold.errors import InputError
+
+# share of both frames' pixels that must have depth for odometry to be better than flow
+_LEAST_SHARE = 0.2
+
+
+def find_warp(
+    earlier: Frame, present: Frame, *, motion: Float[Tensor, "4 4"] | None = None
+) -> Warp | None:
+    """How the present frame sees what the earlier one held; None if their sizes differ.
+
+    motion: points of the earlier camera frame [m] to the present one, where it is known. Else it
+    is estimated by odometry, if K is known and both frames have depth in a fifth of their pixels;
+    else pixels follow the flow of the image.
+    """
+    if earlier.size != present.size:
+        return None
+    if motion is None and present.K is not None and _has_odometry(earlier, present):
+        motion = RgbdOdometry(present.K).motion(
+            earlier.image, earlier.sparse_depth, present.image, present.sparse_depth
+        )
+    if motion is not None and present.K is not None:
+        K, known = present.K, motion
+        return lambda depth, mask: warp_depth(depth, mask, K, known)
+    flow = image_flow(earlier.image, present.image)
+    return lambda depth, mask: warp_by_flow(depth, mask, flow)
+
+
+def _has_odometry(earlier: Frame, present: Frame) -> bool:
+    shares = (float(frame.valid_mask.float().mean()) for frame in (earlier, present))
+    return hasattr(cv2, "Odometry") and min(shares) >= _LEAST_SHARE
 
 
 class RgbdOdometry:
@@ -65,7 +98,6 @@ def image_flow(
     before, now = (
         cv2.cvtColor(each.numpy(), cv2.COLOR_RGB2GRAY) for each in (earlier_image, image)
     )
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(
-        before, now, np.zeros((*now.shape, 2), np.float32)
-    )
-    return torch.from_numpy(np.ascontiguousarray(flow))
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    flow = search.calc(before, now, np.zeros((*before.shape, 2), np.float32))
+    return torch.from_numpy(np.asarray(flow))
