@@ -7,7 +7,8 @@ A knob is a field of `Steering`, `Sampling` or `Finishing` below. From here `fro
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, get_type_hints
+from math import inf
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from steered_marigold.core.finishing import Finishing
 from steered_marigold.core.steering import ConditionAlignment
@@ -16,6 +17,22 @@ from steered_marigold.errors import InputError
 
 # how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
 SteeringCodec = Literal["exact", "tiny", "linear"]
+
+
+def _require_range(name: str, value: int | float | None, least: int, most: int | float) -> None:
+    """InputError for a number outside of these; None stands for something else."""
+    if value is not None and not (least <= value <= most and value < inf):
+        limits = f"at least {least:g}" if most == inf else f"from {least:g} to {most:g}"
+        raise InputError(f"`{name}` is {value}: it must be {limits}")
+
+
+def _require_choices(group: object) -> None:
+    """InputError for a word that is none of those that a field's type lists."""
+    for name, kind in get_type_hints(type(group)).items():
+        value = getattr(group, name)
+        if get_origin(kind) is Literal and value not in get_args(kind):
+            choices = ", ".join(get_args(kind))
+            raise InputError(f"`{name}` is {value!r}: choose one of {choices}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +55,13 @@ class SteeringKnobs:
     condition_alignment: ConditionAlignment = "least_squares"
     steering_codec: SteeringCodec = "exact"
 
+    def __post_init__(self) -> None:
+        _require_range("steering_strength", self.steering_strength, 0, inf)
+        _require_range("neighborhood_px", self.neighborhood_px, 0, inf)
+        _require_range("anchor_fraction", self.anchor_fraction, 0, 1)
+        _require_range("max_anchors", self.max_anchors, 1, inf)
+        _require_choices(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingKnobs:
@@ -56,6 +80,11 @@ class SamplingKnobs:
     mirror: bool = False
     continuation: bool = False
     processing_resolution: int | None = None
+
+    def __post_init__(self) -> None:
+        _require_range("num_inference_steps", self.num_inference_steps, 1, inf)
+        _require_range("ensemble_size", self.ensemble_size, 1, inf)
+        _require_range("processing_resolution", self.processing_resolution, 0, inf)
 
 
 @dataclass(frozen=True, kw_only=True)
