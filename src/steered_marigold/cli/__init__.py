@@ -6,6 +6,7 @@ import typer
 from typer.core import TyperGroup
 
 from steered_marigold.cli import bag, complete, evaluate, figures
+from steered_marigold.cli.app import app as page
 from steered_marigold.cli.messages import name_parameters, say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
@@ -39,6 +40,7 @@ app.command("complete")(complete.complete)
 app.command("bag")(bag.bag)
 app.command("evaluate")(evaluate.evaluate)
 app.command("figures")(figures.figures)
+app.command("app")(page)
 
 
 def _print_version(asked: bool) -> bool:
