@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, UInt8
-from PIL import Image
+from jaxtyping import Bool
+from PIL import Image, ImageDraw
 from torch import Tensor
 
 from steered_marigold.app import inputs, words
@@ -16,7 +16,7 @@ from steered_marigold.app.meshes import guessed_intrinsics, write_mesh
 from steered_marigold.app.running import Models, OnStep, StoppedError, Watch, WatchedCompleter
 from steered_marigold.app.sessions import Session
 from steered_marigold.app.steps import method_view, run_method
-from steered_marigold.app.views import View, completed_view, frame_view, overlay
+from steered_marigold.app.views import View, canvas_view, completed_view, frame_view
 from steered_marigold.core.frame import Frame
 from steered_marigold.errors import InputError
 from steered_marigold.frames.complete import complete_frame
@@ -157,14 +157,17 @@ class Actions:
         view = completed_view(given, completion, truth)
         return Shown(view, facts, words.warnings(record.notices))
 
-    def canvas(self, session: Session) -> UInt8[np.ndarray, "height width 3"]:
+    def canvas(self, session: Session) -> View:
         """What holes are drawn on."""
-        return overlay(_opened(session))
+        return canvas_view(_opened(session))
 
-    def erase(self, session: Session, layers: list[UInt8[np.ndarray, "h w 4"]]) -> None:
-        """Hides the measurements under what was painted. Raises InputError if nothing was."""
+    def erase(self, session: Session, strokes: str) -> None:
+        """Hides the measurements under what was painted; strokes: see `painted`.
+
+        Raises InputError if nothing was painted, or everything.
+        """
         frame = _opened(session)
-        erased = painted(layers, frame.size)
+        erased = painted(strokes, frame.size)
         if not erased.any():
             raise InputError("Nothing is painted yet: paint over measured pixels first.")
         if not (frame.valid_mask & ~erased).any():
@@ -232,18 +235,23 @@ class Actions:
         return files
 
 
+_MOST_DISCS = 20_000  # of a brush
 _SUFFIXES = (".png", ".npy", ".exr")
 
 
-def painted(
-    layers: list[UInt8[np.ndarray, "h w 4"]], size: tuple[int, int]
-) -> Bool[Tensor, "height width"]:
-    """Where any layer is not transparent, for an image of `size` (height, width)."""
-    mask = torch.zeros(size, dtype=torch.bool)
-    for layer in layers:
-        opaque = Image.fromarray(layer[..., 3] > 127)
-        mask |= torch.from_numpy(np.array(opaque.resize(size[::-1], Image.Resampling.NEAREST)))
-    return mask
+def painted(strokes: str, size: tuple[int, int]) -> Bool[Tensor, "height width"]:
+    """The pixels under the discs of a brush, in an image of `size` (height, width).
+
+    strokes: JSON, a list of [x, y, radius] in pixels. Raises InputError for anything else.
+    """
+    mask = Image.new("1", size[::-1])
+    brush = ImageDraw.Draw(mask)
+    try:
+        for x, y, radius in json.loads(strokes)[:_MOST_DISCS]:
+            brush.ellipse((x - radius, y - radius, x + radius, y + radius), fill=1)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"The strokes of the brush cannot be read: {error}") from error
+    return torch.from_numpy(np.array(mask))
 
 
 def _opened(session: Session) -> Frame:

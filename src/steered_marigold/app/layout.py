@@ -13,7 +13,10 @@ from steered_marigold.io.depth_files import DEPTH_SUFFIXES
 from steered_marigold.io.images import IMAGE_SUFFIXES
 
 _STATIC = files("steered_marigold") / "app" / "static"
-EMPTY = {"empty": "Choose a sample on the left, or your own image and depth map."}
+EMPTY = {
+    "empty": "Choose a sample, or your own image and depth map; then press “Complete”. "
+    "After that you can read the depth of every pixel, draw holes, and turn the scene in 3D."
+}
 DOWNLOADS = {
     "depth.png": "Depth, .png (16 bits, millimetres)",
     "depth.npy": "Depth, .npy (metres)",
@@ -97,7 +100,8 @@ class Layout:
     warnings: gr.HTML
     view: gr.HTML
     hole_tab: gr.Tab
-    canvas: gr.ImageEditor
+    canvas: gr.HTML
+    strokes: gr.Textbox
     erase: gr.Button
     restore: gr.Button
     scene_tab: gr.Tab
@@ -126,6 +130,17 @@ def build_layout(checkpoints: list[str], disk: Disk | None) -> Layout:
             with gr.Tabs(elem_id="views") as parts["tabs"]:
                 parts |= _pictures() | _hole() | _scene() | _method() | _downloads()
     return Layout(**parts)
+
+
+def _drawn(script: str, kind: str, value: Any = None, **how: Any) -> gr.HTML:
+    """A component that its script draws from its value."""
+    return gr.HTML(
+        value or {},
+        html_template=f'<div class="{kind}"></div>',
+        js_on_load=static(script),
+        apply_default_css=False,
+        **how,
+    )
 
 
 def _frame_choice(disk: Disk | None) -> dict[str, Any]:
@@ -217,7 +232,7 @@ def _run(checkpoints: list[str]) -> dict[str, Any]:
             min_width=170,
         )
         seed = gr.Number(
-            0, label="Seed", info="same seed, same result", precision=0, minimum=0, min_width=110
+            0, label="Seed", info="repeats a result", precision=0, minimum=0, min_width=110
         )
     checkpoint = gr.Dropdown(
         checkpoints, value=checkpoints[0], label="Checkpoint", visible=len(checkpoints) > 1
@@ -238,13 +253,7 @@ def _pictures() -> dict[str, Any]:
     with gr.Tab("Pictures", id="pictures"):
         warnings = gr.HTML("", elem_id="warnings")
         facts = gr.HTML("", elem_id="facts")
-        view = gr.HTML(
-            EMPTY,
-            html_template='<div class="viewer"></div>',
-            js_on_load=static("viewer.js"),
-            apply_default_css=False,
-            elem_id="view",
-        )
+        view = _drawn("viewer.js", "viewer", EMPTY, elem_id="view")
     return {"warnings": warnings, "facts": facts, "view": view}
 
 
@@ -254,22 +263,18 @@ def _hole() -> dict[str, Any]:
             "<p class='lead'>Paint over measured (coloured) pixels. They are hidden from the "
             "completion, and its answer is compared with what had been measured there.</p>"
         )
-        canvas = gr.ImageEditor(
-            sources=[],
-            transforms=[],
-            layers=False,
-            brush=gr.Brush(default_size=40, colors=["#ff2d95"], color_mode="fixed"),
-            eraser=gr.Eraser(default_size=40),
-            format="png",
-            show_label=False,
-            buttons=[],
-            height=560,
-            elem_id="canvas",
-        )
-        with gr.Row():
+        canvas = _drawn("canvas.js", "hole", elem_id="canvas")
+        strokes = gr.Textbox("[]", visible="hidden", label="strokes")
+        with gr.Row(elem_id="hole-buttons"):
             erase = gr.Button("Erase and complete", variant="primary", elem_id="erase")
             restore = gr.Button("Bring everything back", elem_id="restore")
-    return {"hole_tab": tab, "canvas": canvas, "erase": erase, "restore": restore}
+    return {
+        "hole_tab": tab,
+        "canvas": canvas,
+        "strokes": strokes,
+        "erase": erase,
+        "restore": restore,
+    }
 
 
 def _scene() -> dict[str, Any]:
@@ -304,13 +309,7 @@ def _method() -> dict[str, Any]:
             "a hundred steps: half a minute or more on a laptop.</p>"
         )
         start = gr.Button("Run step by step", elem_id="method-start")
-        method = gr.HTML(
-            {},
-            html_template='<div class="method"></div>',
-            js_on_load=static("method.js"),
-            apply_default_css=False,
-            elem_id="method-view",
-        )
+        method = _drawn("method.js", "method", elem_id="method-view")
     return {"method_start": start, "method": method}
 
 

@@ -18,6 +18,8 @@ from steered_marigold.io.intrinsics import read_intrinsics
 
 Updates = dict[Any, Any]
 _ONE_AT_A_TIME: dict[str, Any] = {"concurrency_id": "model", "concurrency_limit": 1}
+# what was painted is in the page until it is sent
+_STROKES = "(_, ...rest) => [document.querySelector('#canvas .hole').dataset.strokes, ...rest]"
 _QUIET: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"}
 
 
@@ -122,8 +124,8 @@ class _Wiring:
         def complete(session: Session, on_step: OnStep, *how: Any) -> Updates:
             return self._result(self.actions.complete(session, Run(*how), on_step))
 
-        def erase(session: Session, on_step: OnStep, canvas: Any, *how: Any) -> Updates:
-            self.actions.erase(session, (canvas or {}).get("layers") or [])
+        def erase(session: Session, on_step: OnStep, strokes: str, *how: Any) -> Updates:
+            self.actions.erase(session, strokes)
             return complete(session, on_step, *how)
 
         def restore(session: Session, on_step: OnStep, *how: Any) -> Updates:
@@ -138,7 +140,7 @@ class _Wiring:
             *self.downloads,
         ]  # fmt: skip
         self._on_run(page.complete.click, complete, run.all(), results)
-        self._on_run(page.erase.click, erase, [page.canvas, *run.all()], results)
+        self._on_run(page.erase.click, erase, [page.strokes, *run.all()], results, js=_STROKES)
         self._on_run(page.restore.click, restore, run.all(), results)
         self._on_run(page.method_start.click, method, run.all(), [page.method])
 
@@ -199,7 +201,7 @@ class _Wiring:
             page.source: f"<p>{shown.facts}</p>" if shown.facts else "",
             page.warnings: shown.warnings,
             page.facts: "",
-            page.canvas: None,
+            page.canvas: {},
             page.scene: None,
             page.scene_note: "",
             page.method: {},
@@ -251,6 +253,7 @@ class _Wiring:
         act: Callable[..., Updates],
         inputs: Sequence[Any],
         outputs: Sequence[Any],
+        js: str | None = None,
     ) -> None:
         """As `_on`, for what takes long: progress is shown, and it can be cancelled."""
         page = self.page
@@ -281,6 +284,7 @@ class _Wiring:
             show_progress="full",
             show_progress_on=page.status,
             api_visibility="private",
+            js=js,
             **_ONE_AT_A_TIME,
         ).then(end, None, buttons, queue=False, **_QUIET)
 

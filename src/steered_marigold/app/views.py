@@ -11,6 +11,7 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+import torch
 from jaxtyping import Float, UInt8
 from matplotlib.colors import Colormap, Normalize
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from steered_marigold.pictures.colours import (
 )
 
 LONGEST_SIDE = 960  # pixels; of larger frames every other pixel is shown, or less
-_SPARSE, _RADIUS = 0.05, 2  # below this share of measured pixels they are drawn larger
+_SPARSE, _RADIUS = 0.1, 2  # below this share of measured pixels they are drawn larger
 _LARGEST_CODE = 65535
 _COLOURS = 255  # of a palette; one more stands for "not known"
 
@@ -69,7 +70,8 @@ def completed_view(given: Frame, completion: DepthCompletion, truth: Frame | Non
         was = np.where((truth.valid_mask & ~given.valid_mask).numpy(), truth.sparse_depth, np.nan)
         error = np.abs(result - was)
         style = (uncertainty_range(error), ERROR, "absolute error", unit)
-        pictures.append(_picture("Error in the hole", error[::step, ::step], *style))
+        shown = _visible(error, truth.valid_mask.numpy(), step)
+        pictures.append(_picture("Error in the hole", shown[::step, ::step], *style))
     measured = _measured(given)
     return _view(given, step, pictures, unit, measured=measured, depth=result, sigma=sigma, was=was)
 
@@ -84,15 +86,16 @@ def depth_pictures(frame: Frame, depths: Mapping[str, Tensor]) -> list[View]:
     ]
 
 
-def overlay(frame: Frame) -> UInt8[np.ndarray, "height width 3"]:
-    """The image, in the colours of depth where depth was measured: what holes are drawn on."""
+def canvas_view(frame: Frame) -> View:
+    """What holes are drawn on: the image, in the colours of depth where depth was measured."""
     step = _step(frame)
     image = frame.image[::step, ::step].numpy()
-    depth = _measured(frame)
-    colours = _colours(_enlarged(frame)[::step, ::step], robust_range(depth), DEPTH)
-    known = (colours != np.uint8(_COLOURS))[..., None]
-    mixed = 0.45 * image + 0.55 * _palette(DEPTH)[colours]
-    return np.where(known, mixed, image).astype(np.uint8)
+    colours = _colours(_input_picture(frame, step), robust_range(_measured(frame)), DEPTH)
+    known = (colours != _COLOURS)[..., None]
+    mixed = np.where(known, 0.45 * image + 0.55 * _palette(DEPTH)[colours], image)
+    picture = _image("", torch.from_numpy(mixed.astype(np.uint8)))
+    height, width = image.shape[:2]
+    return {"src": picture["src"], "width": width, "height": height, "step": step}
 
 
 def thumbnail(
@@ -110,15 +113,21 @@ def _measured(frame: Frame) -> NDArray[np.float32]:
     return np.where(frame.valid_mask.numpy(), frame.sparse_depth.numpy(), np.float32(np.nan))
 
 
-def _enlarged(frame: Frame) -> NDArray[Any]:
-    depth, mask = frame.sparse_depth.numpy(), frame.valid_mask.numpy()
-    return sparse_picture(depth, mask, below=_SPARSE, radius=_RADIUS * _step(frame))
+def _visible(values: NDArray[Any], measured: NDArray[Any], step: int) -> NDArray[Any]:
+    """Where little was measured, single pixels are hard to see: they are drawn larger."""
+    known = np.isfinite(values)
+    few = measured.mean() < _SPARSE
+    return sparse_picture(values, known, below=1.1 if few else 0.0, radius=_RADIUS * step)
+
+
+def _input_picture(frame: Frame, step: int) -> NDArray[Any]:
+    return _visible(_measured(frame), frame.valid_mask.numpy(), step)[::step, ::step]
 
 
 def _input(frame: Frame, step: int, scale: Normalize) -> View:
     share = float(frame.valid_mask.float().mean())
     title = f"Input, {share:.1%} measured"
-    return _picture(title, _enlarged(frame)[::step, ::step], scale, DEPTH, "depth", "m")
+    return _picture(title, _input_picture(frame, step), scale, DEPTH, "depth", "m")
 
 
 def _image(title: str, pixels: UInt8[Tensor, "height width 3"]) -> View:

@@ -79,13 +79,11 @@ def _sentences(record: Record) -> list[str]:
         return [*said, "Nothing was measured: depth is <b>relative</b>, from 0 to 1."]
     said.append(
         f"Depth from <b>{r['depth_min_m']:.2f}</b> to <b>{r['depth_max_m']:.2f} m</b>; "
-        f"{r['input_valid_fraction']:.1%} of it was measured."
+        f"{r['input_valid_fraction']:.1%} of the pixels were measured."
     )
     if r["untrusted"]:
-        share = r["untrusted"] / max(1, r["untrusted"] + r["trusted"])
         said.append(
-            f"<b>{r['untrusted']:,}</b> measurements ({share:.1%}) contradict the others and were "
-            "not believed."
+            f"<b>{r['untrusted']:,}</b> measurements contradict the others and were not believed."
         )
     if r["floored"]:
         said.append(f"{r['floored']:,} pixels were raised to the least depth.")
