@@ -125,7 +125,7 @@ class Disk:
 
     def recorded(self, recording: str, index: int, *, most_megapixels: float) -> Frame:
         """A frame of a recording."""
-        from steered_marigold.frames.recordings import recorded_frame
+        from steered_marigold.datasets.recording import recorded_frame
         from steered_marigold.io.bags import open_recording
 
         with open_recording(self._inside(recording)) as opened:
