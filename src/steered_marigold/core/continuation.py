@@ -6,17 +6,15 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from torch import Tensor
 
-from steered_marigold.core.alignment import ratio_of_means
+from steered_marigold.core.alignment import fit_positive
 from steered_marigold.core.anchors import thin_measurements
 from steered_marigold.core.interpolation import remembered_interpolant
-from steered_marigold.core.outliers import fit_scale_shift_robust, trusted_measurements
+from steered_marigold.core.outliers import trusted_measurements
 
 # [px] of the processing grid; a cell counts as known if a measurement is so near to all of it
 REACH_PX = 6.0
 # the model's units are [-1, 1]; depth a little outside is still encoded faithfully
 LIMIT = 1.1
-# positive lower bound [m] of the fitted prediction, while measurements are compared with it
-MINIMUM_DEPTH = 0.05
 # interpolating more points than these changes nothing at the latents' resolution
 MAX_POINTS = 4000
 
@@ -33,10 +31,8 @@ def told_depth(
     measurements alone.
     """
     affine = (predicted[None] + 1) / 2
-    batch = affine, sparse_depth[None], valid_mask[None]
-    fit = fit_scale_shift_robust(*batch)
-    fit = fit.where(fit.increasing, ratio_of_means(*batch))
-    metric = fit.apply(affine)[0].clamp(min=MINIMUM_DEPTH)
+    fit = fit_positive(affine, sparse_depth, valid_mask).map
+    metric = fit.apply(affine)[0]
     trusted = trusted_measurements(metric, sparse_depth, valid_mask)
     used = thin_measurements(trusted.cpu(), MAX_POINTS).nonzero()
     y, x = used.to(predicted.device).unbind(dim=1)

@@ -23,7 +23,7 @@ CALIBRATED = UncertaintyModel(
 )
 # how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
 SteeringCodec = Literal["exact", "tiny", "linear"]
-AS_FITTED = Finishing(robust=False, consistent=False, minimum_depth=None)
+AS_FITTED = Finishing(robust=False, consistent=False, least_share=None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +113,7 @@ DEFAULT = replace(
     ensemble_size=2,
     mirror=True,
     continuation=True,
-    finishing=Finishing(robust=True, consistent=True, minimum_depth=0.05, uncertainty=CALIBRATED),
+    finishing=Finishing(robust=True, consistent=True, least_share=0.02, uncertainty=CALIBRATED),
 )
 FAST = replace(
     DEFAULT,
