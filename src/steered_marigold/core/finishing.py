@@ -15,7 +15,7 @@ from steered_marigold.core.alignment import (
 )
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise, agree_with_measurements
-from steered_marigold.core.outliers import trusted_measurements
+from steered_marigold.core.outliers import Judgement, judge_measurements
 from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty
 
 # a depth so many times farther than all that was measured, or nearer, is said to be beyond it
@@ -57,31 +57,35 @@ def finish(
     Each is fitted to the measurements [m] on its own; the answer is their median.
     """
     members = members.float()
-    fit, rejected, doubt = _fit(members, sparse_depth, valid_mask, settings.robust, confidence)
+    fit, rejected, positive = _fit(members, sparse_depth, valid_mask, settings.robust, confidence)
     metric = fit.apply(members)
     depth = median(metric)
     spread = median((metric - depth).abs()) if len(members) > 1 else None
     affine = median(members)[None]
     if len(members) > 1:
-        fit, rejected, doubt = _fit(affine, sparse_depth, valid_mask, settings.robust, confidence)
+        fit, rejected, positive = _fit(affine, sparse_depth, valid_mask, settings.robust, confidence)
     floored = torch.zeros_like(valid_mask)
     if settings.least_share is not None:
         least = settings.least_share * sparse_depth[valid_mask].median()
         floored = depth < least
         depth = torch.maximum(depth, least)
-    trusted = valid_mask
+    judged = Judgement(valid_mask, torch.zeros_like(valid_mask))
     if settings.robust:
-        trusted = trusted_measurements(depth, sparse_depth, valid_mask)
-    prior = depth
+        judged = judge_measurements(depth, sparse_depth, valid_mask)
+    trusted, prior = judged.trusted, depth
     if settings.consistent:
         depth = agree_with_measurements(
             prior, sparse_depth, trusted, noise=noise, confidence=confidence, image=image
         )
     uncertainty = spread
-    if settings.uncertainty is not None:
+    if settings.uncertainty is not None and bool(trusted.any()):
+        unsure = None if positive is None else positive.doubt(affine)[0]
         uncertainty = estimate_uncertainty(
-            settings.uncertainty, prior, depth, sparse_depth, trusted, spread, noise
+            settings.uncertainty, prior, depth, sparse_depth, trusted, unsure, noise
         )
+        # the truth may be what was measured, what is answered, or another
+        contradiction = torch.where(judged.doubted, (sparse_depth - depth).abs() / 2, 0.0)
+        uncertainty = torch.maximum(uncertainty, contradiction)
     return DepthCompletion(
         depth=depth[None],
         uncertainty=None if uncertainty is None else uncertainty[None],
