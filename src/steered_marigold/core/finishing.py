@@ -57,31 +57,31 @@ def finish(
     Each is fitted to the measurements [m] on its own; the answer is their median.
     """
     members = members.float()
-    fit, rejected, positive = _fit(members, sparse_depth, valid_mask, settings.robust, confidence)
+    measured = sparse_depth, valid_mask, confidence
+    fit, rejected, positive = _fit(members, *measured, robust=settings.robust)
     metric = fit.apply(members)
-    depth = median(metric)
-    spread = median((metric - depth).abs()) if len(members) > 1 else None
+    prior = median(metric)
+    spread = median((metric - prior).abs()) if len(members) > 1 else None
     affine = median(members)[None]
     if len(members) > 1:
-        fit, rejected, positive = _fit(affine, sparse_depth, valid_mask, settings.robust, confidence)
+        fit, rejected, positive = _fit(affine, *measured, robust=settings.robust)
     floored = torch.zeros_like(valid_mask)
     if settings.least_share is not None:
         least = settings.least_share * sparse_depth[valid_mask].median()
-        floored = depth < least
-        depth = torch.maximum(depth, least)
+        floored, prior = prior < least, torch.maximum(prior, least)
     judged = Judgement(valid_mask, torch.zeros_like(valid_mask))
     if settings.robust:
-        judged = judge_measurements(depth, sparse_depth, valid_mask)
-    trusted, prior = judged.trusted, depth
+        judged = judge_measurements(prior, sparse_depth, valid_mask)
+    depth, trusted = prior, judged.trusted
     if settings.consistent:
         depth = agree_with_measurements(
             prior, sparse_depth, trusted, noise=noise, confidence=confidence, image=image
         )
     uncertainty = spread
-    if settings.uncertainty is not None and bool(trusted.any()):
-        unsure = None if positive is None else positive.doubt(affine)[0]
+    if settings.uncertainty is not None:
+        doubt = None if positive is None else positive.doubt(affine)[0]
         uncertainty = estimate_uncertainty(
-            settings.uncertainty, prior, depth, sparse_depth, trusted, unsure, noise
+            settings.uncertainty, prior, depth, sparse_depth, trusted, doubt, noise
         )
         # the truth may be what was measured, what is answered, or another
         contradiction = torch.where(judged.doubted, (sparse_depth - depth).abs() / 2, 0.0)
@@ -110,8 +110,9 @@ def _fit(
     members: Float[Tensor, "members height width"],
     sparse_depth: Float[Tensor, "height width"],
     valid_mask: Bool[Tensor, "height width"],
-    robust: bool,
     confidence: Float[Tensor, "height width"] | None,
+    *,
+    robust: bool,
 ) -> tuple[ScaleShift, Bool[Tensor, " members"], PositiveFit | None]:
     """Each member's scale and shift, where a slope <= 0 gave way to the ratio of means, and what
     the robust fit doubts.

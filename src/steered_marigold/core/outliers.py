@@ -25,7 +25,7 @@ CELLS = 9
 CELL_SPACINGS = 1.5
 # a cell with fewer of them than this share of the usual number says nothing: readings in glass
 FEW_IN_CELL = 0.2
-# with a smaller share of cells that say something around a pixel, all of the image says what is usual
+# with a smaller share of cells that say something around a pixel, the whole image does
 FEW_CELLS = 0.2
 # this far from the usual distance, and DEVIATIONS of those around farther, contradicts the prior,
 # if at least half of that is outside all of the prior nearby
@@ -59,6 +59,7 @@ AGREEING = 2
 LEAST_TOLERANCE = 0.05
 # neighbours are looked for within so many usual spacings
 NEAR_SPACINGS = 4.0
+SAMPLE = 500  # measurements whose differences from their neighbours say what is usual
 
 
 @dataclass(frozen=True)
@@ -114,8 +115,10 @@ def judge_measurements(
     against = (against & (offset > 0)) | _without_thin(against & (offset < 0))
     left_out = against | _alone(depth, residual, measured & ~against, spacing)
     left_out |= _flying(depth, measured & ~left_out)
-    trusted, doubted = (torch.from_numpy(x).to(mask.device) for x in (measured & ~left_out, against))
-    return Judgement(trusted, doubted)
+    if not (measured & ~left_out).any():  # with none believed there would be no answer
+        left_out[:] = False
+    trusted = torch.from_numpy(measured & ~left_out).to(mask.device)
+    return Judgement(trusted, torch.from_numpy(against).to(mask.device))
 
 
 def _usual(
@@ -146,7 +149,7 @@ def _usual(
 def _median_around(
     cells: Float[Tensor, "rows columns"], otherwise: Float[Tensor, ""]
 ) -> Float[Tensor, "rows columns"]:
-    """The median of the CELLS x CELLS around each that are not NaN; if they are few, `otherwise`."""
+    """The median of the CELLS x CELLS around each, but of NaN; `otherwise` if few are left."""
     reach = CELLS // 2
     padded = F.pad(cells, (reach, reach, reach, reach), value=torch.nan)
     windows = padded.unfold(0, CELLS, 1).unfold(1, CELLS, 1).flatten(2)
@@ -165,7 +168,8 @@ def _without_thin(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
     thick[np.unique(labels[ndimage.minimum_filter(region, side, mode="constant")])] = True
     extent = [math.hypot(*(s.stop - s.start for s in box)) for box in ndimage.find_objects(labels)]
     spared = ~thick[1:] & (np.array(extent) >= LONG * diagonal)
-    return region & ~np.concatenate(([False], spared))[labels]
+    thin: NDArray[np.bool_] = np.concatenate(([False], spared))[labels]
+    return region & ~thin
 
 
 def _flying(depth: NDArray[np.float32], measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -180,14 +184,14 @@ def _flying(depth: NDArray[np.float32], measured: NDArray[np.bool_]) -> NDArray[
     nearest, farthest = (sides[y, x] for sides in _extremes(low, high, SLOPE_WINDOW))
     edge = farthest - nearest < SLOPE * step
 
-    def mixed(width: float) -> NDArray[np.bool_]:
-        far_in = between > width * np.maximum(BETWEEN[0] * step, BETWEEN[1])
-        share, least = BETWEEN_NEIGHBOURS
-        return edge & far_in & (beside > width * np.maximum(share * step, least))
-
-    flying = mixed(1.0)
+    # by how much they exceed the gates, where 1 is just so
+    excess = np.minimum(
+        between / np.maximum(BETWEEN[0] * step, BETWEEN[1]),
+        beside / np.maximum(BETWEEN_NEIGHBOURS[0] * step, BETWEEN_NEIGHBOURS[1]),
+    )
+    flying = edge & (excess > 1)
     if np.count_nonzero(flying & (span < RAMP * step)) < FEW_RAMPS * np.count_nonzero(edge):
-        flying = mixed(WIDER)
+        flying = edge & (excess > WIDER)
     result = np.zeros_like(measured)
     result[y[flying], x[flying]] = True
     return result
@@ -212,20 +216,24 @@ def _alone(
     """Measurements off the prior whose neighbours agree in neither depth nor distance from it."""
     off = residual - np.median(residual[measured])
     questioned = measured & (np.abs(off) > GATE * MAD_TO_SIGMA * np.median(np.abs(off[measured])))
+    questioned &= _agreeing_beside(depth, measured) < AGREEING
     result = np.zeros_like(measured)
     if not questioned.any():
         return result
+    # how much neighbours differ where nothing is wrong, from an even sample
+    every = np.flatnonzero(measured)
+    sample = np.zeros_like(measured)
+    sample.flat[every[np.linspace(0, len(every) - 1, SAMPLE).astype(np.int64)]] = True
     reach = 2 * math.ceil(NEAR_SPACINGS * spacing) + 1
-    points = np.argwhere(measured & ndimage.maximum_filter(questioned, reach))
+    points = np.argwhere(measured & ndimage.maximum_filter(questioned | sample, reach))
     tree = cKDTree(points)
     y, x = points.T
     count = min(NEIGHBOURS, len(points) - 1)
     if count == 0:
         return result
-    # how much neighbours differ where nothing is wrong, from an even sample
-    sample = np.unique(np.linspace(0, len(points) - 1, 2000).astype(np.int64))
-    beside = tree.query(points[sample], 2)[1][:, 1]
-    usual = np.abs(residual[y, x][sample] - residual[y, x][beside])
+    taken = np.flatnonzero(sample[y, x])
+    beside = tree.query(points[taken], 2)[1][:, 1]
+    usual = np.abs(residual[y, x][taken] - residual[y, x][beside])
     tolerance = max(3 * float(np.median(usual)), LEAST_TOLERANCE)
     ask = np.flatnonzero(questioned[y, x])
     around = tree.query(points[ask], count + 1, workers=-1)[1][:, 1:]
@@ -233,3 +241,20 @@ def _alone(
     alone = ask[(same[0] | same[1]).sum(axis=1) < min(AGREEING, count)]
     result[y[alone], x[alone]] = True
     return result
+
+
+def _agreeing_beside(depth: NDArray[np.float32], measured: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """How many of the eight pixels around each are measured and agree in depth.
+
+    They are the nearest of all: with AGREEING of them, no tree need be asked.
+    """
+    height, width = depth.shape
+    agreeing = np.zeros(depth.shape, np.uint8)
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
+        there = (slice(down, height), slice(max(0, right), width - max(0, -right)))
+        same = measured[here] & measured[there]
+        same &= np.abs(depth[here] - depth[there]) < LEAST_TOLERANCE
+        agreeing[here] += same
+        agreeing[there] += same
+    return agreeing

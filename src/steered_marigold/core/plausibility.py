@@ -16,9 +16,9 @@ from torch import Tensor
 LEAST_MEASUREMENTS = 20
 # quantiles and frequencies are those of so many, evenly spread
 SAMPLE = 20_000
-# A fill is one value at so many pixels, FAR_FACTOR times farther (or nearer) than all others but the
-# last hundredth; or FILL_FACTOR times, if it is so much more frequent than any other value: a wall at
-# the end of a corridor, in a file of few steps, is neither
+# A fill is one value at so many pixels, FAR_FACTOR times farther (or nearer) than all others but
+# the last hundredth; or FILL_FACTOR times, if it is so much more frequent than any other value: a
+# wall at the end of a corridor, in a file of few steps, is neither
 FILL_PIXELS = 50
 FAR_FACTOR = 5.0
 FILL_FACTOR = 1.5

@@ -20,9 +20,12 @@ EXPECTED_DISAGREEMENT = 0.2
 EXPECTED_WEIGHT = 3.0
 # the measured range is that of all measurements but so many at both ends
 RANGE_TAILS = 0.02
-# so much of what is far from measurements lies beyond the measured range: the sensor has a range.
-# On the tune frames .4 to .6 do where depth is cut by distance, .0 to .1 where it is cut elsewhere
+SAMPLE = 20_000  # measurements that tell the range, evenly spread
+# so much of what is DEEP (a share of the diagonal) in holes lies beyond the measured range: the
+# sensor has a range. On the tune frames .4 to .6 do where depth is cut by distance, .0 to .1 where
+# it is cut elsewhere
 BEYOND_SHARE = 0.3
+DEEP = 0.03
 
 
 class Hole(IntEnum):
@@ -47,9 +50,9 @@ class UncertaintyModel:
     D is the relative disagreement (root mean square) of the prior with the trusted measurements
     and with `EXPECTED_WEIGHT` imagined ones, which disagree by `EXPECTED_DISAGREEMENT`: a fit
     agrees with a handful of measurements, whatever it is worth elsewhere. doubt: of log depth, for
-    want of the origin (`PositiveFit.doubt`). f, n: how far log depth lies beyond the measured range.
-    steps: mean difference of the prior's log depth between neighbours around a pixel: where depth
-    jumps, it jumps elsewhere.
+    want of the origin (`PositiveFit.doubt`). f, n: how far log depth lies beyond the measured
+    range. steps: mean difference of the prior's log depth between neighbours around a pixel: where
+    depth jumps, it jumps elsewhere.
 
     near: relative error beside a measurement. length: a share of the image's diagonal. by_kind: a
     factor for each kind of `Hole`, such that 90 % of the errors on the tune frames lie within the
@@ -71,12 +74,12 @@ class UncertaintyModel:
 class Circumstances:
     """What an error depends on; the terms of `UncertaintyModel`.
 
-    distance: to the nearest trusted measurement, as a share of the image's diagonal.
-    sides: how many of left, right, above and below have a trusted measurement.
+    distance: to the nearest trusted measurement, as a share of the image's diagonal. kind: of
+    `Hole`.
     """
 
     distance: Float[Tensor, "height width"]
-    sides: Float[Tensor, "height width"]
+    kind: Int[Tensor, "height width"]
     disagreement: Float[Tensor, ""]
     doubt: Float[Tensor, "height width"]
     moved: Float[Tensor, "height width"]
@@ -95,22 +98,23 @@ def circumstances(
     """Of each pixel of an answer; arguments as `estimate_uncertainty`."""
     height, width = depth.shape
     diagonal = (height**2 + width**2) ** 0.5
-    distance = torch.from_numpy(ndimage.distance_transform_edt(~trusted.cpu().numpy())).to(depth)
+    pixels = ndimage.distance_transform_edt(~trusted.cpu().numpy())
+    distance = torch.from_numpy(pixels).to(depth) / diagonal
     measured, log_depth, log_prior = sparse_depth[trusted].log(), depth.log(), prior.log()
     squares = (measured - log_prior[trusted]).square()
     expected = EXPECTED_WEIGHT * EXPECTED_DISAGREEMENT**2
-    ordered = measured.sort().values
-    low, high = (
-        ordered[round(share * (len(ordered) - 1))] for share in (RANGE_TAILS, 1 - RANGE_TAILS)
+    low, high = measured[:: -(-len(measured) // SAMPLE)].quantile(
+        measured.new_tensor((RANGE_TAILS, 1 - RANGE_TAILS))
     )
+    farther, nearer = (log_depth - high).clamp(min=0), (low - log_depth).clamp(min=0)
     return Circumstances(
-        distance=distance / diagonal,
-        sides=_sides(trusted).to(depth),
+        distance=distance,
+        kind=_kinds(trusted, distance > DEEP, farther, nearer),
         disagreement=((squares.sum() + expected) / (len(squares) + EXPECTED_WEIGHT)).sqrt(),
         doubt=torch.zeros_like(depth) if doubt is None else doubt,
         moved=(log_depth - log_prior).abs(),
-        farther=(log_depth - high).clamp(min=0),
-        nearer=(low - log_depth).clamp(min=0),
+        farther=farther,
+        nearer=nearer,
         steps=mean_steps(log_prior, radius=round(STEPS_WINDOW * diagonal / 2)),
     )
 
@@ -150,27 +154,27 @@ def relative_uncertainty(
         + (model.nearer * around.nearer).square()
     )
     relief = (model.relief * around.steps * far).square()
-    factor = far.new_tensor(model.by_kind)[hole_kinds(around, far)]
+    factor = far.new_tensor(model.by_kind)[around.kind]
     return factor * (model.near**2 + far * reach + relief).sqrt()
 
 
-def hole_kinds(
-    around: Circumstances, far: Float[Tensor, "height width"]
+def _kinds(
+    trusted: Bool[Tensor, "height width"],
+    deep: Bool[Tensor, "height width"],
+    farther: Float[Tensor, "height width"],
+    nearer: Float[Tensor, "height width"],
 ) -> Int[Tensor, "height width"]:
-    """The kind of `Hole` of each pixel. far: how far from measurements, in [0, 1]."""
-    total = far.sum().clamp(min=1e-9)
-    beyond = torch.stack([(far * (x > 0)).sum() / total for x in (around.farther, around.nearer)])
-    if float(beyond.max()) > BEYOND_SHARE:
-        return torch.full_like(far, int(Hole.FARTHER) + int(beyond.argmax()), dtype=torch.long)
-    return torch.where(around.sides == 4, int(Hole.INSIDE), int(Hole.BESIDE))
-
-
-def _sides(trusted: Bool[Tensor, "height width"]) -> Int[Tensor, "height width"]:
-    """How many of left, right, above and below (the pixel counts as either) are measured."""
+    """The kind of `Hole` of each pixel. deep: far from measurements."""
+    if bool(deep.any()):
+        shares = [float((beyond[deep] > 0).float().mean()) for beyond in (farther, nearer)]
+        if max(shares) > BEYOND_SHARE:
+            kind = Hole.FARTHER if shares[0] >= shares[1] else Hole.NEARER
+            return torch.full_like(trusted, int(kind), dtype=torch.long)
     seen = trusted.to(torch.uint8)
     before = [seen.cummax(dim).values for dim in (0, 1)]
     after = [seen.flip(dim).cummax(dim).values.flip(dim) for dim in (0, 1)]
-    return torch.stack(before + after).sum(dim=0)
+    around = torch.stack(before + after).bool().all(dim=0)
+    return torch.where(around, int(Hole.INSIDE), int(Hole.BESIDE))
 
 
 def mean_steps(
