@@ -1,6 +1,6 @@
 """Frames of recordings; what the sensor measured stands for the truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
@@ -69,12 +69,13 @@ def recorded_frame(recorded: RecordedFrame) -> Frame:
     elif depth.shape != (height, width):
         moved = register_depth(depth, valid_mask, (height, width))
         depth, valid_mask = moved.depth, moved.valid_mask
-    return Frame(
+    frame = Frame(
         image=decoded.image,
         sparse_depth=depth,
         valid_mask=valid_mask,
         K=decoded.K,
         id=str(recorded.stamp_ns),
         stamp=recorded.stamp_s,
-        notices=scale_doubts(depth, valid_mask),
-    )
+    ).plausible()
+    doubts = scale_doubts(frame.sparse_depth, frame.valid_mask)
+    return replace(frame, notices=frame.notices + doubts)

@@ -194,18 +194,20 @@ def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -
         require_another_image(frame.image, depth, valid_mask)
     except InputError as error:
         raise InputError(f"{files.image}: {error}") from error
-    doubts = scale_doubts(depth, valid_mask)
-    if not doubts:  # a wrong unit explains the others
-        doubts = inversion_doubts(depth, valid_mask)
-        doubts += misalignment_doubts(frame.image, depth, valid_mask)
-    return replace(
+    frame = replace(
         frame,
         sparse_depth=depth,
         valid_mask=valid_mask,
         confidence=confidence,
         missing=measured.missing,
-        notices=frame.notices + notices + doubts,
-    )
+        notices=frame.notices + notices,
+    ).plausible()
+    depth, valid_mask = frame.sparse_depth, frame.valid_mask
+    doubts = scale_doubts(depth, valid_mask)
+    if not doubts:  # a wrong unit explains the others
+        doubts = inversion_doubts(depth, valid_mask)
+        doubts += misalignment_doubts(frame.image, depth, valid_mask)
+    return replace(frame, notices=frame.notices + doubts)
 
 
 def _register(frame: Frame, measured: DepthMap, reading: Reading) -> Registration | None:
