@@ -20,14 +20,15 @@ PAPER_SCHEDULER = {
 # coverage of the 90 % interval on the tune split (docs/method.md)
 CALIBRATED = UncertaintyModel(
     near=0.006,
-    reach=0.485,
-    length=0.0325,
-    origin=0.82,
-    moved=0.755,
-    farther=0.234,
-    nearer=0.43,
-    relief=14.6,
-    by_kind=(0.742, 1.054, 1.69, 1.615),
+    reach=0.36,
+    drift=0.275,
+    length=0.024,
+    origin=0.7,
+    moved=0.72,
+    farther=0.193,
+    nearer=0.371,
+    relief=14.9,
+    by_kind=(0.715, 1.02, 1.9, 1.85),
 )
 # how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
 SteeringCodec = Literal["exact", "tiny", "linear"]
