@@ -57,7 +57,7 @@ def preset_table() -> str:
     ]
     rows += [
         (name, *(f"`{getattr(preset, name)!r}`" for preset in PRESETS.values()))
-        for name in ("minimum_depth", "prompt_tokens", "dtype")
+        for name in ("least_share", "prompt_tokens", "dtype")
     ]
     return _table(("", *(f"`{name}`" for name in PRESETS)), rows)
 

@@ -3,7 +3,6 @@
 import re
 import shlex
 from collections.abc import Callable
-from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from typer.testing import CliRunner
 
-from steered_marigold.cli import app, complete
+from steered_marigold.cli import app
 from steered_marigold.io.depth_maps import read_depth
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "your-data.md"
@@ -190,10 +189,6 @@ def test_each_line_has_its_files() -> None:
     assert {_maker(line) for line in LINES} == set(MADE_BY.values())
 
 
-@pytest.mark.skipif(
-    "depth_encoding" not in signature(complete.complete).parameters,
-    reason="the command does not have these options yet",
-)
 @pytest.mark.parametrize("line", LINES)
 def test_each_line_runs(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Measured pixels keep their depth, so a wrong unit or encoding would show."""

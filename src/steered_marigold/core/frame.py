@@ -13,7 +13,8 @@ from torch import Tensor
 from steered_marigold.core.colours import to_8_bits
 from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.geometry import crop_intrinsics
-from steered_marigold.core.notices import Notices
+from steered_marigold.core.notices import Notice, Notices
+from steered_marigold.core.plausibility import plausible_measurements
 from steered_marigold.errors import InputError, SizeMismatchError
 
 # modes of PIL images whose numbers are not red, green and blue, nor grey
@@ -75,6 +76,21 @@ class Frame:
             K=K,
         )
 
+    def plausible(self) -> "Frame":
+        """Without measurements that can be no depths of one scene, which are counted and said."""
+        found = plausible_measurements(self.sparse_depth, self.valid_mask)
+        counts = {"repeated": found.repeated, "absurd": found.absurd}
+        notices = self.notices
+        if found.repeated:
+            values = " and ".join(f"{value:.4g} m" for value in found.fills)
+            text = f"{found.repeated} measurements of {values} are a fill, not depth: left out"
+            notices += (Notice("fill", text),)
+        if found.absurd:
+            text = f"{found.absurd} measurements are far outside of what all others span: left out"
+            notices += (Notice("absurd", text),)
+        kept = self.keep(found.mask)
+        return replace(kept, missing={**self.missing, **counts}, notices=notices)
+
 
 def make_frame(
     image: Any,
@@ -107,7 +123,7 @@ def make_frame(
                 f"`{name}` is {list(values.shape)} but the image {[height, width]} "
                 "(height, width); they must agree"
             )
-    return Frame(
+    frame = Frame(
         image=pixels,
         sparse_depth=depth,
         valid_mask=valid,
@@ -115,8 +131,10 @@ def make_frame(
         K=None if K is None else check_intrinsics(K),
         id=id,
         stamp=stamp,
-        notices=notices + scale_doubts(depth, valid),
-    )
+        notices=notices,
+    ).plausible()
+    doubts = scale_doubts(frame.sparse_depth, frame.valid_mask)
+    return replace(frame, notices=frame.notices + doubts)
 
 
 def rgb_bytes(image: Any) -> tuple[UInt8[Tensor, "height width 3"], Notices]:
