@@ -16,7 +16,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from steered_marigold import DepthCompleter, SteeredCompleter
+from steered_marigold import DepthCompleter, SteeredCompleter, make_frame
 from steered_marigold.errors import NoMeasurementsError
 from steered_marigold.io.files import write_figure
 
@@ -149,7 +149,6 @@ class PictureWriter:
     def __call__(self, frame: LiveFrame) -> None:
         import torch
 
-        from steered_marigold.core.frame import make_frame
         from steered_marigold.pictures.panels import frame_panels
 
         figure = frame_panels(

@@ -2,8 +2,8 @@
 
     python -m examples.own_checkpoint FOLDER
 
-FOLDER is what `save_pretrained` writes: model_index.json, unet/, vae/, scheduler/, text_encoder/ and
-tokenizer/, as of prs-eth/marigold-depth-v1-1 or of your own fine-tuning.
+FOLDER is what `save_pretrained` writes: model_index.json, unet/, vae/, scheduler/, text_encoder/
+and tokenizer/, as of prs-eth/marigold-depth-v1-1 or of your own fine-tuning.
 """
 
 import sys
