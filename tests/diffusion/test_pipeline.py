@@ -441,8 +441,8 @@ def test_a_wrong_call_is_refused_before_any_network_runs(
 ) -> None:
     image, depth, mask = frame()
     forbid_networks(pipeline)
-    right = {"sparse_depth": depth, "valid_mask": mask, "preset": preset}
-    sizes = {"processing_resolution": 48, "ensemble_size": 1, "mirror": False}
+    right: dict[str, Any] = {"sparse_depth": depth, "valid_mask": mask, "preset": preset}
+    sizes: dict[str, Any] = {"processing_resolution": 48, "ensemble_size": 1, "mirror": False}
     with pytest.raises(InputError, match=problem):
         pipeline(image, **right | sizes | arguments)
     with pytest.raises(AssertionError, match="a network ran"):

@@ -178,7 +178,9 @@ WRONG: dict[str, tuple[Change, str]] = {
 
 @pytest.mark.parametrize(("change", "problem"), WRONG.values(), ids=WRONG.keys())
 def test_what_cannot_be_read_is_refused_by_its_name(change: Change, problem: str) -> None:
-    arguments = dict(zip(("image", "sparse_depth", "valid_mask"), scene(), strict=True))
+    arguments: dict[str, Any] = dict(
+        zip(("image", "sparse_depth", "valid_mask"), scene(), strict=True)
+    )
     method = Noisy()
     with pytest.raises(InputError, match=problem) as caught:
         method.complete(**arguments | change(arguments))
