@@ -414,7 +414,7 @@ WRONG_CALLS: dict[str, tuple[dict[str, Any], str]] = {
         {"steering_codec": "tiny", "steering_strength": 0.1},
         "`steering_codec='tiny'` needs a checkpoint with a steering_vae",
     ),
-    "no steps": ({"num_inference_steps": 0}, "`num_inference_steps` is 0: choose 1 to 1000"),
+    "no steps": ({"num_inference_steps": 0}, "`num_inference_steps` is 0: it must be at least 1"),
     "more steps than there are": ({"num_inference_steps": 1001}, "`num_inference_steps` is 1001"),
     "preset": ({"preset": "best"}, "unknown preset 'best'"),
     "generators": ({"generator": [seeded(), seeded()]}, "`generator` is a list of 2 for 1 images"),

@@ -1,10 +1,13 @@
 """Knobs are declared once; presets are named sets of them."""
 
+import subprocess
+import sys
 from inspect import Parameter, signature
 from typing import Any, Literal, get_args, get_origin
 
 import pytest
 
+from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.diffusion.settings import KNOBS, PLAIN, PRESETS, Preset, get_preset
 from steered_marigold.errors import InputError
@@ -71,3 +74,39 @@ def test_names() -> None:
         get_preset("best")
     with pytest.raises(InputError, match="no setting is called 'speed'; there are: steering_str"):
         PLAIN.override(speed=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("steering_strength", -0.1),
+        ("steering_strength", float("nan")),
+        ("neighborhood_px", -1),
+        ("anchor_fraction", 1.5),
+        ("max_anchors", 0),
+        ("ensemble_size", 0),
+        ("num_inference_steps", 0),
+        ("processing_resolution", -1),
+    ],
+)
+def test_values_that_no_knob_has(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=f"`{name}`"):
+        PRESETS["default"].override(**{name: value})
+
+
+def test_words_that_no_knob_knows() -> None:
+    """In a process of its own: here types are checked before the package sees the word."""
+    program = """
+from steered_marigold.diffusion.settings import PRESETS
+PRESETS["default"].override(steering_codec="none")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert "InputError: `steering_codec` is 'none': choose one of exact, tiny, linear" in run.stderr
+
+
+@pytest.mark.parametrize("noise", [{"metres": -0.1}, {"fraction": float("nan")}])
+def test_noise_that_no_sensor_has(noise: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="SensorNoise"):
+        SensorNoise(**noise)

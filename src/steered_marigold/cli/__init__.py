@@ -5,7 +5,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steered_marigold.cli import bag, complete, doctor, evaluate, figures
+from steered_marigold.cli import bag, complete, doctor, evaluate, figures, view
+from steered_marigold.cli.app import app as page
 from steered_marigold.cli.messages import name_parameters, say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
@@ -39,6 +40,8 @@ app.command("bag")(bag.bag)
 app.command("doctor")(doctor.doctor)
 app.command("evaluate")(evaluate.evaluate)
 app.command("figures")(figures.figures)
+app.command("view")(view.view)
+app.command("app")(page)
 
 
 def _print_version(asked: bool) -> bool:

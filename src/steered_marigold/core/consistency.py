@@ -14,6 +14,7 @@ are solved for by multigrid (`core/multigrid.py`); at full resolution a few swee
 rows, put the pixels of a block in their places: time and memory grow with the image alone.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from torch import Tensor
 
 from steered_marigold.core.distance import distance_to
 from steered_marigold.core.multigrid import BLACK, RED, Equations, Level, Multigrid, to_phases
+from steered_marigold.errors import InputError
 
 # relative error that a step between neighbouring pixels of the prior is believed to have
 STEP_SPREAD = 0.02
@@ -52,6 +54,11 @@ class SensorNoise:
 
     metres: float = 0.0
     fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value < math.inf:
+                raise InputError(f"SensorNoise: `{name}` is {value}; it must be at least 0")
 
     @property
     def exact(self) -> bool:
