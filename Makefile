@@ -1,11 +1,11 @@
-# make demo: complete the sample frame.  make test, make check: what CI runs.
+# make demo: complete the sample frame.  make check, make docs, make test: what CI runs.
 # make bench: time and memory on this machine (docs/performance.md).
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests rooms training benchmarks examples
 
-.PHONY: demo test check format bench
+.PHONY: demo test check docs format bench
 
 # one environment, one stamp per set of requirements
 $(VENV)/.user: pyproject.toml constraints.txt
@@ -14,7 +14,7 @@ $(VENV)/.user: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.user
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,eval,train]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,all,docs,train]'
 	touch $@
 
 demo: $(VENV)/.user
@@ -28,6 +28,9 @@ check: $(VENV)/.dev
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+
+docs: $(VENV)/.dev
+	$(BIN)/mkdocs build --strict --quiet
 
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix $(SOURCES)

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float32
 
-from rooms.textures import layers, random_colour
+from rooms.bank import layers
+from rooms.textures import random_colour
 
 Generator = np.random.Generator
 Colour = Float32[np.ndarray, "3"]
@@ -217,3 +218,33 @@ def leaf(generator: Generator) -> Material:
     """Plant green."""
     tint = np.array([0.15, 0.4, 0.08]) * generator.uniform(0.4, 1.4, 3)
     return replace(_textured(generator, "wood", tint.astype(np.float32), (0.1, 0.3)), shininess=0.3)
+
+
+def sky(generator: Generator, brightness: float) -> Material:
+    """The open sky, looked up by direction."""
+    made = _textured(generator, "sky", np.ones(3, np.float32), (1.0, 1.0))
+    return replace(made, turned=False, emission=brightness, backdrop=True)
+
+
+def asphalt(generator: Generator) -> Material:
+    """Roads and pavements: grey, rough or in slabs."""
+    kind = str(generator.choice(["plaster", "plaster", "weave", "tiles", "bricks"]))
+    return _textured(generator, kind, _grey(generator, 0.06, 0.4), (0.8, 4.0))
+
+
+def road_paint(generator: Generator) -> Material:
+    """White lines, more or less worn."""
+    return _textured(generator, "plaster", _grey(generator, 0.5, 0.95), (0.5, 2.0))
+
+
+def facade(generator: Generator) -> Material:
+    """Render, brick or stone."""
+    kind = str(generator.choice(["plaster", "plaster", "bricks", "tiles", "planks"]))
+    tint = random_colour(generator, value=(0.15, 0.85), saturation=0.45)
+    return replace(_textured(generator, kind, tint, (1.0, 4.0)), turned=False)
+
+
+def roof(generator: Generator) -> Material:
+    """Red, brown or grey tiles."""
+    tint = np.array([0.5, 0.25, 0.16]) ** generator.uniform(0.3, 1.3) * generator.uniform(0.3, 1.0)
+    return _textured(generator, "planks", tint.astype(np.float32), (0.5, 2.0))

@@ -8,10 +8,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float32, Int
 
+from rooms.bank import lookup, mean_albedo
 from rooms.materials import Material
 from rooms.mesh import join
 from rooms.models import Part
-from rooms.textures import lookup, mean_albedo
 from rooms.vectors import cross, dot, unit
 
 Vectors = Float32[np.ndarray, "n 3"]

@@ -1,4 +1,4 @@
-"""Rendered RGB-D frames of random rooms: single ones, and along a camera path."""
+"""Rendered RGB-D frames of random rooms, single ones and along a camera path; and of streets."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,8 +11,10 @@ from rooms.layout import Room, build_room
 from rooms.photo import choose_film, photograph
 from rooms.raycast import Surface, World
 from rooms.shading import lighting_of, shade
+from rooms.streets import Street, build_street
 
 MAX_DEPTH_M = 10.0
+MAX_STREET_DEPTH_M = 65.0
 
 Picture = UInt8[np.ndarray, "height width 3"]
 
@@ -21,10 +23,10 @@ Picture = UInt8[np.ndarray, "height width 3"]
 class RoomFrame:
     """A rendered frame; everything per pixel, aligned.
 
-    image: RGB in 0..255. depth: metric, along the optical axis, [m], finite, at most 10; mirrors
-    and panes have the depth of their surface. K: intrinsics [px]. camera_to_world: rigid motion
-    [m]. normals: unit, camera frame, towards the camera. albedo: linear RGB. shininess: 0..1.
-    glass: True on panes and mirrors.
+    image: RGB in 0..255. depth: metric, along the optical axis, [m], at most 10, on a street at
+    most 65, or inf for the sky; mirrors and panes have the depth of their surface. K: intrinsics
+    [px]. camera_to_world: rigid motion [m]. normals: unit, camera frame, towards the camera.
+    albedo: linear RGB. shininess: 0..1. glass: True on panes and mirrors.
     """
 
     image: Picture
@@ -55,6 +57,20 @@ def render_room(seed: int, *, width: int = 320, height: int = 240) -> RoomFrame:
     generator = np.random.default_rng(seed)
     room, world, camera = _room_with_view(generator, width / height)
     trace = _trace(room, world, camera.resized(width), height, generator=generator)
+    film = choose_film(trace.radiance, generator)
+    return _frame(world, trace, photograph(trace.radiance, film, generator))
+
+
+def render_street(seed: int, *, width: int = 320, height: int = 240) -> RoomFrame:
+    """A frame of the street, camera and photograph that `seed` (>= 0) stands for."""
+    generator = np.random.default_rng(seed)
+    while True:
+        street = build_street(generator)
+        world = World(street.parts)
+        camera = _choose_street_camera(generator, street, world, width / height)
+        if camera is not None:
+            break
+    trace = _trace(street, world, camera.resized(width), height, generator=generator)
     film = choose_film(trace.radiance, generator)
     return _frame(world, trace, photograph(trace.radiance, film, generator))
 
@@ -112,8 +128,33 @@ def _choose_camera(
     return best
 
 
+def _choose_street_camera(
+    generator: np.random.Generator, street: Street, world: World, aspect: float
+) -> Camera | None:
+    """A view mostly along the street, from a car or a pavement, of which little is very near."""
+    width, height = 32, round(32 / aspect)
+    for _ in range(6):
+        view_angle = np.radians(generator.uniform(40, 85))
+        along = np.pi * generator.integers(2)
+        aside = generator.normal(0, 0.35) if generator.random() < 0.8 else generator.normal(0, 1.0)
+        pitch, roll = np.radians(generator.normal([-1, 0], [4, 1]))
+        across = generator.uniform(-street.front + 0.5, street.front - 0.5)
+        eye = np.array([generator.uniform(-25, 25), across, generator.uniform(1.2, 2.2)])
+        rotation = look(along + aside, pitch, roll)
+        camera = Camera(intrinsics(width, height, view_angle), rotation, eye)
+        distance = world.cast(*camera.rays(width, height)).distance
+        if np.mean(distance < 1.5) < 0.02 and np.median(distance) > 4:
+            return camera
+    return None
+
+
 def _trace(
-    room: Room, world: World, camera: Camera, height: int, *, generator: np.random.Generator
+    room: Room | Street,
+    world: World,
+    camera: Camera,
+    height: int,
+    *,
+    generator: np.random.Generator,
 ) -> _Trace:
     width = round(2 * camera.K[0, 2] + 1)
     shape = (height, width)
@@ -122,7 +163,11 @@ def _trace(
     surface = world.surface(hits, origins, rays, spread=1 / camera.K[0, 0])
     lighting = lighting_of(room.lights, room.sun, room.ambient)
     radiance = shade(world, lighting, surface, rays, shape=shape, generator=generator)
-    depth = np.minimum(hits.distance, np.float32(MAX_DEPTH_M)).reshape(shape)
+    outdoors = isinstance(room, Street)
+    depth = np.minimum(hits.distance, np.float32(MAX_STREET_DEPTH_M if outdoors else MAX_DEPTH_M))
+    if outdoors:
+        depth[world.backdrop[surface.material]] = np.inf
+    depth = depth.reshape(shape)
     return _Trace(camera, surface, depth, radiance.reshape(*shape, 3))
 
 

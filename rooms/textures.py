@@ -1,20 +1,17 @@
-"""A bank of drawn textures with mipmaps, the same in every process.
+"""Drawn textures, the same in every process.
 
-Every surface of a room takes its albedo from one layer of the bank, tinted and scaled by its
-material. Many layers have strong albedo edges where the depth has none.
+Many have strong albedo edges where the depth has none.
 """
 
 from collections.abc import Callable
-from functools import cache
 from itertools import pairwise
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Int, UInt8
+from jaxtyping import Float32
 
 SIDE = 256  # [texel]
-_BANK_SEED = 20260
-_LEVELS = 7  # 256, 128, ... 4 texels
+BANK_SEED = 20260
 
 Texture = Float32[np.ndarray, "side side 3"]
 Colour = Float32[np.ndarray, "3"]
@@ -210,7 +207,20 @@ def _outdoors(generator: np.random.Generator) -> Texture:
     return image
 
 
-_DRAWERS: dict[str, tuple[int, Callable[[np.random.Generator], Texture]]] = {
+def _sky(generator: np.random.Generator) -> Texture:
+    """Blue or grey, paler towards the horizon (its middle row), with or without clouds."""
+    rows = np.abs(np.linspace(1, -1, SIDE, dtype=np.float32))[:, None, None]
+    zenith = np.array([0.25, 0.45, 0.95]) * generator.uniform(0.5, 1.0)
+    if generator.random() < 0.4:
+        zenith = np.full(3, generator.uniform(0.5, 0.95))
+    horizon = np.array([0.85, 0.92, 1.0]) * generator.uniform(0.8, 1.0)
+    clouds = fractal_noise(generator, slope=1.8, stretch=0.5)[..., None]
+    cover = np.clip((clouds - generator.uniform(0.2, 1.1)) * 3, 0, 1)
+    clear = zenith * rows + horizon * (1 - rows)
+    return np.asarray(clear * (1 - cover) + cover * generator.uniform(0.7, 1.0), np.float32)
+
+
+DRAWERS: dict[str, tuple[int, Callable[[np.random.Generator], Texture]]] = {
     "plaster": (8, _plaster),
     "wood": (12, _wood),
     "planks": (8, _planks),
@@ -224,69 +234,5 @@ _DRAWERS: dict[str, tuple[int, Callable[[np.random.Generator], Texture]]] = {
     "art": (32, _art),
     "page": (24, _page),
     "outdoors": (10, _outdoors),
+    "sky": (12, _sky),
 }
-
-
-def layers(kind: str) -> range:
-    """Indices of the layers of one kind."""
-    first = 0
-    for name, (count, _) in _DRAWERS.items():
-        if name == kind:
-            return range(first, first + count)
-        first += count
-    raise KeyError(kind)
-
-
-@cache
-def _bank() -> tuple[UInt8[np.ndarray, "texels 3"], Int[np.ndarray, " levels"]]:
-    """All texels of all levels in one table, and the first row of each level."""
-    drawn = []
-    for kind, (count, draw) in _DRAWERS.items():
-        for index in range(count):
-            name = int.from_bytes(kind.encode()[:4], "big")
-            drawn.append(draw(np.random.default_rng([_BANK_SEED, name, index])))
-    stack = np.clip(np.stack(drawn), 0, 1)
-    tables = []
-    for _ in range(_LEVELS):
-        tables.append((stack * 255 + 0.5).astype(np.uint8).reshape(-1, 3))
-        rows = stack[:, ::2] + stack[:, 1::2]
-        stack = 0.25 * (rows[:, :, ::2] + rows[:, :, 1::2])
-    starts = np.cumsum([0] + [len(table) for table in tables[:-1]])
-    return np.concatenate(tables), starts
-
-
-def mean_albedo(layer: Int[np.ndarray, " n"]) -> Float32[np.ndarray, "n 3"]:
-    """The average colour of each layer, in 0..1."""
-    texels, starts = _bank()
-    coarsest = texels[starts[-1] :].reshape(-1, (SIDE >> (_LEVELS - 1)) ** 2, 3)
-    mean: Float32[np.ndarray, "n 3"] = coarsest.mean(axis=1, dtype=np.float32)[layer] / 255
-    return mean
-
-
-def lookup(
-    layer: Int[np.ndarray, " n"],
-    uv: Float32[np.ndarray, "n 2"],
-    footprint: Float32[np.ndarray, " n"],
-) -> Float32[np.ndarray, "n 3"]:
-    """Albedo in 0..1, bilinear within the mipmap level that suits the footprint.
-
-    uv: texture coordinates, one tile per unit, repeated. footprint: width of a pixel on the
-    surface, in tiles.
-    """
-    texels, starts = _bank()
-    level = np.log2(np.maximum(footprint * SIDE, 1.0))
-    level = np.minimum((level + 0.5).astype(np.int64), _LEVELS - 1)
-    side = SIDE >> level
-    base = starts[level] + layer * side * side
-    mask = side - 1  # sides are powers of two
-    position = uv * side[:, None].astype(np.float32) - 0.5
-    corner = np.floor(position)
-    weight = (position - corner).astype(np.float32)
-    x0 = corner[:, 0].astype(np.int64) & mask
-    y0 = corner[:, 1].astype(np.int64) & mask
-    x1, y1 = (x0 + 1) & mask, (y0 + 1) & mask
-    wx, wy = weight[:, :1], weight[:, 1:]
-    upper = texels[base + y0 * side + x0] * (1 - wx) + texels[base + y0 * side + x1] * wx
-    lower = texels[base + y1 * side + x0] * (1 - wx) + texels[base + y1 * side + x1] * wx
-    blended: Float32[np.ndarray, "n 3"] = (upper * (1 - wy) + lower * wy) * np.float32(1 / 255)
-    return blended

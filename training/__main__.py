@@ -1,27 +1,34 @@
 """The recipe of the embedded checkpoint: `python -m training STAGE`, see docs/training.md.
 
-Data comes from `python -m rooms --output ROOMS --frames 9000`.
+Rendered data comes from `python -m rooms --output ROOMS --frames 9000`.
 """
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from training import codec, denoiser, image_branch
+from training.crops import write_crops
 from training.export import export
+from training.held_out import held_out
+from training.mixture import Sources
 from training.start import CHECKPOINT
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 Runs = Annotated[Path, typer.Option(help="Folder of logs and weights; a stage resumes from it.")]
-Rooms = Annotated[Path | None, typer.Option(help="Folder of procedural shards.")]
-Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder.")]
-ProceduralOnly = Annotated[
-    bool, typer.Option("--procedural-only", help="Train on rooms alone; measure on NYUv2's tune.")
+Rooms = Annotated[
+    list[Path] | None, typer.Option(help="Folder of procedural shards; may be given several times.")
 ]
-Minutes = Annotated[float, typer.Option(help="How long to train.")]
+Nyuv2 = Annotated[Path | None, typer.Option(help="NYUv2 folder.")]
+Rgbd = Annotated[Path | None, typer.Option(help="Folder of RGB-D pairs of other sources.")]
+ProceduralOnly = Annotated[
+    bool, typer.Option("--procedural-only", help="Train on rooms alone; measure on the tune split.")
+]
+Minutes = Annotated[float, typer.Option(help="How long to train, in processor minutes.")]
 From = Annotated[
     str | None,
     typer.Option(
@@ -29,15 +36,15 @@ From = Annotated[
         metavar="CHECKPOINT|scratch",
         help="A checkpoint folder for what has no weights in RUNS yet, or scratch for ImageNet's "
         "alone. Default: the embedded checkpoint; scratch with --procedural-only or without "
-        "--nyuv2, to keep its terms away.",
+        "photographs, to keep their terms away.",
     ),
 ]
 
 
-def _start(checkpoint: str | None, nyuv2: Path | None) -> Path | None:
+def _start(checkpoint: str | None, sources: Sources) -> Path | None:
     """The folder that --from means; None is scratch."""
     if checkpoint is None:
-        return CHECKPOINT if nyuv2 else None
+        return None if sources.procedural_only else CHECKPOINT
     return None if checkpoint == "scratch" else Path(checkpoint)
 
 
@@ -51,13 +58,15 @@ def _add_stage(
         runs: Runs,
         rooms: Rooms = None,
         nyuv2: Nyuv2 = None,
+        rgbd: Rgbd = None,
         procedural_only: ProceduralOnly = False,
         minutes: Minutes = default_minutes,
         checkpoint: From = None,
     ) -> None:
-        frames = None if procedural_only else nyuv2
-        start = _start(checkpoint, frames)
-        train(frames, rooms, runs / folder, minutes=minutes, held_out=nyuv2, start=start)
+        rendered = Sources(rooms=rooms or ())
+        sources = rendered if procedural_only else replace(rendered, nyuv2=nyuv2, rgbd=rgbd)
+        tune, start = held_out("tune", nyuv2, rgbd), _start(checkpoint, sources)
+        train(sources, runs / folder, minutes=minutes, tune=tune, start=start)
 
 
 _add_stage(
@@ -87,6 +96,16 @@ def _export(
     export(runs, to, checkpoint)
 
 
+@app.command("crops")
+def _crops(
+    nyuv2: Annotated[Path, typer.Option(help="NYUv2 folder.")],
+    output: Annotated[Path, typer.Option(help="An .npz file, for `python -m rooms --crops`.")],
+    rgbd: Rgbd = None,
+) -> None:
+    """Textures for rendered surfaces: crops of the training photographs."""
+    write_crops(output, nyuv2, rgbd)
+
+
 @app.command("evaluate")
 def _evaluate(
     nyuv2: Annotated[Path, typer.Option(help="NYUv2 folder.")],
@@ -95,14 +114,15 @@ def _evaluate(
     split: Annotated[Literal["report", "tune"], typer.Option(help="Held-out frames.")] = "report",
     limit: Annotated[int | None, typer.Option(help="Frames, evenly spaced.", min=1)] = None,
     real_frames: Annotated[Path | None, typer.Option(help="Folders of rgb and depth.")] = None,
-    parts: Annotated[str, typer.Option(help="One or several.")] = (
-        "denoiser,calibration,steps,steering,codec,speed,sheet"
-    ),
+    rgbd: Rgbd = None,
+    parts: Annotated[
+        str | None, typer.Option(help="One or several; all, but kinds only with --rgbd.")
+    ] = None,
     steps: Annotated[str, typer.Option(help="Ascending; the last is steering's.")] = "1,4,10,50",
     samples: Annotated[int, typer.Option(help="Samples of a frame.", min=2)] = 8,
 ) -> None:
     """Stage 5: what a checkpoint is worth; parts are added to what `output` holds."""
-    from training.evaluation.run import evaluate
+    from training.evaluation.run import PARTS, evaluate
     from training.evaluation.subject import Subject, split_frames
 
     subject = Subject(
@@ -113,8 +133,12 @@ def _evaluate(
         samples=samples,
         output=output,
         real_frames=real_frames,
+        rgbd=rgbd,
+        split=split,
+        limit=limit,
     )
-    evaluate(subject, parts.split(","), split)
+    known = [name for name in PARTS if rgbd or name != "kinds"]
+    evaluate(subject, parts.split(",") if parts else known)
 
 
 if __name__ == "__main__":

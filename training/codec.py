@@ -1,5 +1,6 @@
 """Stage 2: the codec, an AutoencoderKL in Stable Diffusion's layout at small width."""
 
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -7,13 +8,17 @@ import torch
 from diffusers import AutoencoderKL
 from torch import Tensor, nn
 
-from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
-from training.image_branch import gradient_loss, held_out_frames, nearness
+from training.data import depth_range, image_to_model, normalise
+from training.held_out import Truth
+from training.losses import gradient_loss, nearness
+from training.mixture import MixedFrames, Sources, batches
 from training.start import has_run, load_part
 from training.terms import is_procedural
 from training.trainer import Batch, Trainer
 
 CROP = 128
+# rendered depth has the sharpest edges
+SHARES = {"nyuv2": 0.4, "rgbd": 0.1, "rooms": 0.5}
 # of a batch of 16, this many are colour images; the rest is depth
 COLOUR = 3
 # what the decoder must tolerate: the denoiser's latents are never exact
@@ -61,33 +66,34 @@ def reconstruction(
 
 
 @torch.no_grad()
-def validate(codec: nn.Module, depths: Tensor) -> dict[str, float]:
+def validate(codec: nn.Module, truths: Sequence[Truth]) -> dict[str, float]:
     """abs_rel of the true depth of held-out frames through encoder and decoder."""
     total = 0.0
-    for depth in depths:
+    for depth in (truth.depth for truth in truths):
         low, high = depth_range(depth.numpy())
-        x = torch.from_numpy(normalise(depth.numpy()))[None]
+        x = torch.from_numpy(normalise(depth[0].numpy()))[None, None]
         with torch.autocast("cpu", torch.bfloat16):
             y = reconstruction(codec, x.expand(-1, 3, -1, -1))[0]
         y = y.float().mean(dim=1, keepdim=True).clamp(-1, 1)
         metric = low + (x + 1) / 2 * (high - low)
-        total += float(((y - x).abs() / 2 * (high - low) / metric).mean())
-    return {"abs_rel": total / len(depths)}
+        relative = (y - x).abs() / 2 * (high - low) / metric
+        total += float(relative[0][depth > 0].mean())
+    return {"abs_rel": total / len(truths)}
 
 
 def train(
-    nyuv2: Path | None,
-    rooms: Path | None,
+    sources: Sources,
     run: Path,
     *,
     minutes: float,
-    held_out: Path | None = None,
+    tune: Mapping[str, Sequence[Truth]],
     start: Path | None = None,
 ) -> None:
     """Trains the codec; `run/last.pt` holds it.
 
-    held_out: the folder on whose tune split the curve is measured, or None. start: the checkpoint
-    to begin with, or None.
+    It is trained on depth whose holes are filled: what it must give back is what it got.
+    tune: the frames on which the curve is measured, by kind. start: the checkpoint to begin with,
+    or None.
     """
     codec = build().to(memory_format=torch.channels_last)
     if not has_run(run):
@@ -99,20 +105,22 @@ def train(
         with torch.autocast("cpu", torch.bfloat16):
             decoded, latents = reconstruction(codec, image, generator)
         error = decoded.float() - image
+        colour, depth = error[:COLOUR], error[COLOUR:]
+        everywhere = torch.ones_like(depth, dtype=torch.bool)
         terms = {
-            "depth": (nearness(image[COLOUR:]) * error[COLOUR:].abs()).mean(),
-            "colour": error[:COLOUR].abs().mean(),
-            "edges": gradient_loss(error[COLOUR:]),
+            "depth": (nearness(image[COLOUR:], everywhere) * depth.abs()).mean(),
+            "colour": colour.abs().mean(),
+            "edges": gradient_loss(depth, everywhere),
             "size": latents.float().square().mean(),
         }
         loss = terms["depth"] + 0.3 * terms["edges"] + 0.1 * terms["colour"] + 1e-4 * terms["size"]
         return {"loss": loss} | terms
 
-    data = MixedFrames(nyuv2, rooms, rooms_share=0.5, seed=1)
-    validation = None
-    if held_out:
-        validation = partial(validate, depths=held_out_frames(held_out, "tune")[1][::4])
+    data = MixedFrames(sources, seed=1, shares=SHARES)
     groups: list[dict[str, object]] = [{"params": list(codec.parameters()), "lr": 1.2e-3}]
-    procedural_only = nyuv2 is None and is_procedural(start)
+    procedural_only = sources.procedural_only and is_procedural(start)
     trainer = Trainer(codec, groups, run, minutes, procedural_only)
-    trainer.fit(batches(data, 16), loss_function, validation)
+    rooms = tune.get("rooms", ())[::4]
+    trainer.fit(
+        batches(data, 16), loss_function, partial(validate, truths=rooms) if rooms else None
+    )

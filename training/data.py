@@ -1,11 +1,12 @@
-"""Training samples: NYUv2 training frames and procedural rooms, mixed and augmented.
+"""Frames of all kinds as training samples: read, cropped, turned, recoloured, normalised.
 
-A sample is an image uint8 [3, 240, 320] and an affine-invariant depth float32 [1, 240, 320]:
-its 2 % and 98 % percentiles map to -1 and 1 and the rest is clipped, as in Marigold
-(Ke et al., CVPR 2024, Eq. 3).
+A sample is an image uint8 [3, 240, 320], an affine-invariant depth float32 [1, 240, 320], where it
+is known, bool [1, 240, 320], and its range float32 [2] in metres. The 2 % and 98 % percentiles of
+what is known map to -1 and 1 and the rest is clipped, as in Marigold (Ke et al., CVPR 2024,
+Eq. 3). The sky is at 1. Holes hold the nearest known depth, for the codec's sake; no error is
+measured there.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch.utils.data import DataLoader, IterableDataset
+from scipy import ndimage
 
 WIDTH, HEIGHT = 320, 240
 SPLITS = Path(__file__).parent / "splits"
@@ -24,6 +25,10 @@ GAP = 5
 NYU_BORDER = 8
 # standard deviation of the angle by which a crop is turned [degrees]
 TURN = 4.0
+# depth [mm] of the sky: the far end of the scale
+SKY = 65535
+# of a sample, at least this much must be known
+LEAST_KNOWN = 0.25
 
 Image = npt.NDArray[np.uint8]
 Depth = npt.NDArray[np.uint16]
@@ -31,7 +36,7 @@ Depth = npt.NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class Frame:
-    """image: RGB [height, width, 3]; depth: millimetres [height, width], 0 = unknown."""
+    """image: RGB [height, width, 3]; depth: mm [height, width], 0 = unknown, SKY = infinity."""
 
     image: Image
     depth: Depth
@@ -49,25 +54,38 @@ def training_indices(folder: Path) -> list[int]:
     return [i for i in frames if min(abs(i - j) for j in held_out) > GAP]
 
 
-def read_nyu_frame(folder: Path, index: int) -> Frame:
-    """One frame of `shared/data/nyuv2_train`."""
-    image = cv2.imread(str(folder / "rgb" / f"{index:04d}.jpg"))
-    depth = cv2.imread(str(folder / "depth" / f"{index:04d}.png"), cv2.IMREAD_UNCHANGED)
+def read_frame(image_path: Path, depth_path: Path) -> Frame:
+    """A picture and its depth in uint16 millimetres. Raises FileNotFoundError."""
+    image = cv2.imread(str(image_path))
+    depth = cv2.imread(str(depth_path), cv2.IMREAD_UNCHANGED)
     if image is None or depth is None:
-        raise FileNotFoundError(f"frame {index:04d} in {folder}")
+        raise FileNotFoundError(f"{image_path} or {depth_path}")
     image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     return Frame(np.asarray(image, np.uint8), np.asarray(depth, np.uint16))
 
 
+def read_nyu_frame(folder: Path, index: int) -> Frame:
+    """One frame of `shared/data/nyuv2_train`."""
+    name = f"{index:04d}"
+    return read_frame(folder / "rgb" / f"{name}.jpg", folder / "depth" / f"{name}.png")
+
+
 def depth_range(depth: npt.NDArray[np.floating[Any]]) -> tuple[float, float]:
-    """The depths [m] that map to -1 and 1: the 2 % and the 98 % percentile."""
-    low, high = np.percentile(depth, (2, 98))
+    """The depths [m] that map to -1 and 1: the 2 % and the 98 % percentile of what is known.
+
+    depth: 0 where nothing is known; the sky counts as known for nothing.
+    """
+    low, high = np.percentile(depth[(depth > 0) & (depth < SKY / 1000)], (2, 98))
     return float(low), float(high)
 
 
 def normalise(depth: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
-    """Affine-invariant depth in [-1, 1] of a depth map without holes."""
+    """Affine-invariant depth in [-1, 1]; where it is 0, that of the nearest known pixel."""
     low, high = depth_range(depth)
+    hole = depth == 0
+    if hole.any():
+        nearest = ndimage.distance_transform_edt(hole, return_distances=False, return_indices=True)
+        depth = depth[tuple(nearest)]
     scaled = 2 * (depth - low) / max(high - low, 1e-3) - 1
     return np.asarray(np.clip(scaled, -1, 1), np.float32)
 
@@ -134,57 +152,31 @@ def _recolour(image: Image, rng: np.random.Generator) -> Image:
     return (np.clip(x, 0, 1) * 255).astype(np.uint8)
 
 
-class MixedFrames(IterableDataset[dict[str, torch.Tensor]]):
-    """An endless stream of augmented samples.
+def in_colours_of(photograph: Image, image: Image) -> Image:
+    """The image with the photograph's mean and standard deviation of each channel of CIELAB.
 
-    nyuv2: the folder, or None for procedural frames only. rooms: a folder of shards, or None.
-    rooms_share: the probability of a procedural frame where both are given.
+    (Reinhard et al., "Color transfer between images", 2001.)
     """
-
-    def __init__(
-        self, nyuv2: Path | None, rooms: Path | None, *, rooms_share: float, seed: int
-    ) -> None:
-        indices = training_indices(nyuv2) if nyuv2 else []
-        self.frames = [read_nyu_frame(nyuv2, i) for i in indices] if nyuv2 else []
-        self.shards = sorted(rooms.glob("shard_*.npz")) if rooms else []
-        if not self.frames and not self.shards:
-            raise FileNotFoundError(f"no training data in {nyuv2} or {rooms}")
-        self.rooms_share = rooms_share if self.frames and self.shards else float(not self.frames)
-        self.seed = seed
-
-    def __iter__(self) -> Iterator[dict[str, torch.Tensor]]:
-        info = torch.utils.data.get_worker_info()
-        rng = np.random.default_rng([self.seed, info.id if info else 0])
-        nyuv2, rooms = self._nyuv2(rng), self._rooms(rng)
-        while True:
-            frame = next(rooms if rng.random() < self.rooms_share else nyuv2)
-            depth = frame.depth.astype(np.float32) / 1000
-            if (depth == 0).any() or np.ptp(depth) < 0.1:
-                continue
-            yield {
-                "image": torch.from_numpy(frame.image.transpose(2, 0, 1).copy()),
-                "depth": torch.from_numpy(normalise(depth))[None],
-            }
-
-    def _nyuv2(self, rng: np.random.Generator) -> Iterator[Frame]:
-        while True:
-            for i in rng.permutation(len(self.frames)):
-                yield augment(self.frames[i], NYU_BORDER, rng)
-
-    def _rooms(self, rng: np.random.Generator) -> Iterator[Frame]:
-        while True:
-            for i in rng.permutation(len(self.shards)):
-                with np.load(self.shards[i]) as shard:
-                    images, depths = shard["image"], shard["depth"]
-                for j in rng.permutation(len(images)):
-                    yield augment(Frame(images[j], depths[j]), 0, rng)
+    lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB).astype(np.float32)
+    other = cv2.cvtColor(photograph[::4, ::4], cv2.COLOR_RGB2LAB).astype(np.float32)
+    scale = other.std(axis=(0, 1)) / np.maximum(lab.std(axis=(0, 1)), 1)
+    moved = (lab - lab.mean(axis=(0, 1))) * np.clip(scale, 0.5, 2) + other.mean(axis=(0, 1))
+    moved = np.clip(moved, 0, 255).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(moved, cv2.COLOR_LAB2RGB), np.uint8)
 
 
-def batches(
-    dataset: IterableDataset[dict[str, torch.Tensor]], batch_size: int
-) -> Iterator[dict[str, torch.Tensor]]:
-    """Endless batches, made in one process beside the training."""
-    return iter(DataLoader(dataset, batch_size, num_workers=1, prefetch_factor=4))
+def sample_of(frame: Frame) -> dict[str, torch.Tensor] | None:
+    """A frame at the training size as a sample; None if too little is known, or it is all flat."""
+    known, metres = frame.depth > 0, frame.depth.astype(np.float32) / 1000
+    solid = metres[known & (frame.depth < SKY)]
+    if known.mean() < LEAST_KNOWN or len(solid) < 100 or np.ptp(solid) < 0.1:
+        return None
+    return {
+        "image": torch.from_numpy(frame.image.transpose(2, 0, 1).copy()),
+        "depth": torch.from_numpy(normalise(metres))[None],
+        "range": torch.tensor(depth_range(metres)),
+        "known": torch.from_numpy(known)[None],
+    }
 
 
 def image_to_model(image: torch.Tensor) -> torch.Tensor:

@@ -1,27 +1,30 @@
 """Stage 3: the U-Net that denoises depth latents, on the frozen image encoder and codec.
 
-Neither the image encoder nor the codec changes, so their outputs are computed once for a pool of
-augmented samples, of which a part is renewed as the training goes.
-
-In half of the samples a part of the frame is *known*: its latents carry hardly any noise, whatever
-the timestep says of the rest, as if a sensor had measured there. So the U-Net learns to continue
-into holes what it is told about their surroundings, in the units in which it is told.
+In half of the samples a part of the frame is *known*: its latents carry no noise, whatever the
+timestep says of the rest, as in the pipeline's second pass. So the U-Net learns to continue into
+holes what it is told about their surroundings, in the units in which it is told.
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
 from torch import Tensor, nn
 
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from training import codec as codec_stage
 from training import image_branch
-from training.data import MixedFrames, batches, depth_range, image_to_model, normalise
-from training.image_branch import affine_errors, held_out_frames
+from training.data import depth_range, image_to_model, normalise
+from training.held_out import Truth
+from training.losses import affine_errors
+from training.mixture import MixedFrames, Sources, batches
+from training.pool import Pool, encode_depth
 from training.start import has_run, load_part
 from training.terms import is_procedural
 from training.trainer import Batch, Trainer
@@ -29,8 +32,10 @@ from training.trainer import Batch, Trainer
 TEXT_CHANNELS = 32
 # rows and columns of a 320x240 frame that validation hides: a centre like that of paper-erased
 HOLE = slice(54, 186), slice(53, 267)
-# known latents are noised to a timestep below this one
-KNOWN_TIMESTEPS = 250
+# how often a sample is at the first timestep, where a single step begins: of noise, and told
+AT_FIRST = (0.2, 0.6)
+# pull towards the identity when latents are matched, of latents of unit size
+MATCH_RIDGE = 0.01
 SCHEDULER: dict[str, Any] = {
     "beta_schedule": "scaled_linear",
     "beta_start": 0.00085,
@@ -68,7 +73,7 @@ def average_of(run: Path, model: nn.Module) -> nn.Module:
 def load_image_encoder(run: Path, start: Path | None = None) -> ImageEncoder:
     """The trained image encoder, or without a run that of a checkpoint.
 
-    Only the output of the latter is scaled already; `export.assemble` scales the other's.
+    Only the output of the latter is what a U-Net knows; see `latents_for_unet`.
     """
     regressor = image_branch.build()
     if start is None or has_run(run):
@@ -88,193 +93,207 @@ def load_codec(run: Path, start: Path | None = None) -> AutoencoderKL:
     return codec.eval().requires_grad_(False)
 
 
+def match_latents(new: Tensor, old: Tensor) -> tuple[Tensor, Tensor]:
+    """Matrix [channels, channels] and offset that bring latents nearest to others.
+
+    new, old: of the same images [n, channels, h, w]. Least squares, held near the identity where
+    images say little.
+    """
+    x, y = (latents.float().movedim(1, -1).flatten(0, 2) for latents in (new, old))
+    x_mean, y_mean = x.mean(dim=0), y.mean(dim=0)
+    x, y = x - x_mean, y - y_mean
+    pull = MATCH_RIDGE * len(x) * torch.eye(x.shape[1])
+    matrix = torch.linalg.solve(x.T @ x + pull, x.T @ y + pull).T
+    return matrix, y_mean - matrix @ x_mean
+
+
 @torch.no_grad()
-def encode_depth(codec: AutoencoderKL, depth: Tensor) -> Tensor:
-    """Unscaled latents of depth [n, 1, height, width] in [-1, 1]."""
-    latents: Tensor = codec.encode(depth.expand(-1, 3, -1, -1)).latent_dist.mode()
-    return latents
+def latents_for_unet(
+    encoder: ImageEncoder, start: Path | None, images: Tensor
+) -> dict[str, Tensor]:
+    """The "matrix" and "offset" by which a newly trained encoder's output goes to the U-Net.
 
-
-def told_in_other_units(depth: Tensor, generator: torch.Generator) -> Tensor:
-    """Depth [n, 1, height, width] in [-1, 1], stretched and moved at random: no fit is exact."""
-    scale, shift = torch.rand(2, len(depth), 1, 1, 1, generator=generator)
-    moved: Tensor = depth * (0.75 + 0.5 * scale) + 0.4 * (shift - 0.5)
-    return moved.clamp(-1.1, 1.1)
-
-
-def draw_holes(depth: Tensor, generator: torch.Generator) -> Tensor:
-    """True [n, 1, h, w] where nothing is known: in a box, in blobs, far away, or else
-    but in a box or at scattered positions.
-
-    depth: [n, 1, h, w], one value for each latent position.
+    A U-Net that begins with a checkpoint's weights gets latents like that checkpoint's; a new one
+    gets latents of unit size.
     """
-    count, _, h, w = depth.shape
-    y, x = torch.linspace(0, 1, h)[:, None], torch.linspace(0, 1, w)
-    side = 0.15 + 0.7 * torch.rand(count, 2, 1, 1, generator=generator)
-    centre = 0.5 + (torch.rand(count, 2, 1, 1, generator=generator) - 0.5) * (1.2 - side)
-    box = ((y - centre[:, 0]).abs() < side[:, 0] / 2) & ((x - centre[:, 1]).abs() < side[:, 1] / 2)
-    coarse = torch.rand(count, 1, 4, 5, generator=generator)
-    blobs = F.interpolate(coarse, size=(h, w), mode="bicubic")[:, 0] > 0.5
-    limit = torch.rand(count, 1, 1, generator=generator) * 1.4 - 0.7
-    far = depth[:, 0] > limit
-    dense = 0.02 + 0.4 * torch.rand(count, 1, 1, generator=generator)
-    scattered = torch.rand(count, h, w, generator=generator) > dense
-    kinds = torch.stack([box, blobs, far, ~box, scattered])
-    chances = torch.tensor([0.4, 0.2, 0.15, 0.1, 0.15])
-    kind = torch.multinomial(chances, count, replacement=True, generator=generator)
-    return kinds[kind, torch.arange(count)][:, None]
+    new = torch.cat([encoder(image[None]) for image in images])
+    if start is None:
+        matrix, offset = torch.eye(new.shape[1]) / new.std(), torch.zeros(new.shape[1])
+    else:
+        before = ImageEncoder.from_pretrained(start / "image_encoder")
+        old = torch.cat([before(image[None]) for image in images])
+        matrix, offset = match_latents(new, old)
+    return {"matrix": matrix, "offset": offset}
 
 
-class Pool:
-    """Encoded samples: image latents, depth latents and depth per latent, in bfloat16.
+@torch.no_grad()
+def change_latents(encoder: ImageEncoder, matrix: Tensor, offset: Tensor) -> None:
+    """Makes a matrix and an offset of the encoder's output a part of its last layer."""
+    layer = encoder.conv_out
+    assert layer.bias is not None
+    layer.weight.copy_(torch.einsum("oi,ic...->oc...", matrix, layer.weight))
+    layer.bias.copy_(matrix @ layer.bias + offset)
 
-    "moved" tells which samples have their depth in other units than the normalised ones. Every
-    draw replaces a little of the pool, so that the U-Net goes on seeing new crops.
+
+def draw_timesteps(told: Tensor, generator: torch.Generator) -> Tensor:
+    """Timesteps of 1000, most of them in the noisier half: there image evidence decides.
+
+    told: which samples are told something [n]; theirs are all in that half.
+    """
+    u, first = torch.rand(2, len(told), generator=generator)
+    t = torch.where(told, 500 + 500 * u.sqrt(), 999 * u.sqrt()).round().long().clamp(max=999)
+    of_noise, of_told = AT_FIRST
+    return torch.where(first < torch.where(told, of_told, of_noise), 999, t)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The U-Net and what surrounds it while it is trained.
+
+    encoder: its output is what the U-Net sees. depth_scale: factor on the depth latents.
     """
 
-    def __init__(
-        self, encoder: ImageEncoder, codec: AutoencoderKL, data: Iterator[Batch], size: int
-    ) -> None:
-        self._encoder, self._codec, self._data = encoder, codec, data
-        self._generator = torch.Generator().manual_seed(0)
-        chunks = [self._encode() for _ in range(size // 16)]
-        self.samples = {name: torch.cat([chunk[name] for chunk in chunks]) for name in chunks[0]}
-        self._oldest = 0
+    encoder: ImageEncoder
+    codec: AutoencoderKL
+    unet: UNet2DConditionModel
+    scheduler: DDIMScheduler
+    depth_scale: float
+    generator: torch.Generator
+
+    def velocity(self, unet: nn.Module, image: Tensor, noisy: Tensor, t: Tensor) -> Tensor:
+        """The U-Net's output in float32."""
+        both = torch.cat([image.float(), noisy], dim=1)
+        both = both.contiguous(memory_format=torch.channels_last)
+        prompt = torch.zeros(len(both), 2, TEXT_CHANNELS)
+        with torch.autocast("cpu", torch.bfloat16):
+            output: Tensor = unet(both, t, encoder_hidden_states=prompt, return_dict=False)[0]
+        return output.float()
+
+    def noise(self, image: Tensor) -> Tensor:
+        """Noise for depth latents beside these image latents."""
+        shape = (len(image), 4, *image.shape[-2:])
+        return torch.randn(shape, generator=self.generator)
 
     @torch.no_grad()
-    def _encode(self) -> Batch:
-        batch = next(self._data)
-        image = image_to_model(batch["image"]).contiguous(memory_format=torch.channels_last)
-        depth = batch["depth"]
-        moved = torch.rand(len(depth), 1, 1, 1, generator=self._generator) < 0.45
-        depth = torch.where(moved, told_in_other_units(depth, self._generator), depth)
+    def answer(self, unet: nn.Module, image: Tensor, latents: Tensor) -> Tensor:
+        """Decoded depth [n, height, width] after one step from noise, or from what is told."""
+        x0 = -self.velocity(unet, image, latents, torch.tensor(999))
         with torch.autocast("cpu", torch.bfloat16):
-            encoded = {"image": self._encoder(image), "latents": encode_depth(self._codec, depth)}
-        coarse = F.avg_pool2d(depth, 8)
-        return {k: v.bfloat16() for k, v in encoded.items()} | {"depth": coarse, "moved": moved}
+            decoded: Tensor = self.codec.decode(x0 / self.depth_scale).sample
+        return decoded.float().mean(dim=1).clamp(-1, 1)
 
-    def batches(self, batch_size: int, renew_every: int) -> Iterator[Batch]:
-        """Endless random batches."""
-        size = len(self.samples["image"])
-        while True:
-            for _ in range(renew_every):
-                index = torch.randint(size, (batch_size,), generator=self._generator)
-                yield {name: values[index] for name, values in self.samples.items()}
-            fresh = self._encode()
-            count = len(fresh["image"])
-            for name, values in fresh.items():
-                self.samples[name][self._oldest : self._oldest + count] = values
-            self._oldest = (self._oldest + count) % size
+    def first_answer(self, image: Tensor) -> Tensor:
+        """As the pipeline's first pass."""
+        return self.answer(self.unet, image, self.noise(image))
+
+    def loss(self, batch: Batch) -> dict[str, Tensor]:
+        """Squared error of the velocity where there is a truth."""
+        latents = batch["latents"].float() * self.depth_scale
+        known, counts = batch["known"], batch["counts"]
+        told = known.flatten(1).any(dim=1)
+        t = draw_timesteps(told, self.generator)
+        noisy = self.scheduler.add_noise(latents, self.noise(batch["image"]), t)
+        noisy = torch.where(known, batch["told"].float() * self.depth_scale, noisy)
+        output = self.velocity(self.unet, batch["image"], noisy, t)
+        # the velocity that leads to the latents, whatever noise the position has
+        alpha_bar = self.scheduler.alphas_cumprod[t].view(-1, 1, 1, 1)
+        target = (alpha_bar.sqrt() * noisy - latents) / (1 - alpha_bar).sqrt()
+        error = (output - target).square().mean(dim=1, keepdim=True)
+        told = told.view(-1, 1, 1, 1)
+        return {
+            "loss": error[counts].mean(),
+            "holes": error[counts & told & ~known].mean(),
+            "noise": error[counts & ~told].mean(),
+        }
+
+    @torch.no_grad()
+    def validate(self, unet: nn.Module, frames: Mapping[str, Sequence[Truth]]) -> dict[str, float]:
+        """Errors of the one-step estimate by kind; in rooms also told the truth around `HOLE`."""
+        errors: dict[str, float] = {}
+        for kind, truths in frames.items():
+            rows = []
+            for truth in truths[::2]:
+                with torch.autocast("cpu", torch.bfloat16):
+                    image = self.encoder(image_to_model(truth.image[None]))
+                noise = self.noise(image)
+                row = affine_errors(self.answer(unet, image, noise), truth.depth)
+                if kind == "rooms":
+                    row["hole"] = self._error_in_hole(unet, image, noise, truth.depth)
+                rows.append(row)
+            errors |= {f"{kind}_{name}": fmean(row[name] for row in rows) for name in rows[0]}
+        return errors
+
+    def _error_in_hole(self, unet: nn.Module, image: Tensor, noise: Tensor, depth: Tensor) -> float:
+        """abs_rel in `HOLE`, in the units of what is told, the truth around it."""
+        low, high = depth_range(depth.numpy())
+        normalised = torch.from_numpy(normalise(depth[0].numpy()))[None, None]
+        with torch.autocast("cpu", torch.bfloat16):
+            told = encode_depth(self.codec, normalised).float() * self.depth_scale
+        rows, columns = (slice(s.start // 8, -(-s.stop // 8)) for s in HOLE)
+        told[..., rows, columns] = noise[..., rows, columns]
+        metric = low + (self.answer(unet, image, told) + 1) / 2 * (high - low)
+        return float(((metric - depth).abs() / depth)[..., HOLE[0], HOLE[1]].mean())
 
 
-def draw_timesteps(count: int, generator: torch.Generator) -> Tensor:
-    """Timesteps of 1000, two thirds of them in the noisier half: there image evidence decides."""
-    u = torch.rand(count, generator=generator)
-    return (u.sqrt() * 999).round().long().clamp(0, 999)
+@torch.no_grad()
+def _interfaces(
+    encoder: ImageEncoder, codec: AutoencoderKL, start: Path | None, batch: Batch, *, new: bool
+) -> dict[str, Any]:
+    """How the outputs of both frozen parts come to the U-Net.
+
+    new: whether the encoder was trained after that of `start`.
+    """
+    depth = 1 / float(torch.cat([encode_depth(codec, d[None]) for d in batch["depth"]]).std())
+    if start is not None:  # what its U-Net was trained on
+        depth = float(AutoencoderKL.load_config(start / "vae")["scaling_factor"])
+    if not new:  # a checkpoint's encoder is exactly what its U-Net was trained on
+        channels = encoder.config.latent_channels
+        return {"matrix": torch.eye(channels), "offset": torch.zeros(channels), "depth": depth}
+    return latents_for_unet(encoder, start, image_to_model(batch["image"])) | {"depth": depth}
 
 
 def train(
-    nyuv2: Path | None,
-    rooms: Path | None,
+    sources: Sources,
     runs: Path,
     *,
     minutes: float,
-    held_out: Path | None = None,
+    tune: Mapping[str, Sequence[Truth]],
     start: Path | None = None,
-    pool: int = 3072,
+    pool: int = 2048,
 ) -> None:
     """Trains the U-Net on stages 1 and 2 in `runs`; `runs/denoiser/last.pt` holds it.
 
-    held_out: the folder on whose tune split the curve is measured, or None.
+    tune: the frames on which the curve is measured, by kind.
     start: the checkpoint that gives what has no run in `runs`: the U-Net to begin with, and the
     frozen parts. None: the U-Net begins at random, and stages 1 and 2 must have been run.
     """
     encoder = load_image_encoder(runs / "image_branch", start)
-    encoder = encoder.to(memory_format=torch.channels_last)
-    codec = load_codec(runs / "codec", start).to(memory_format=torch.channels_last)
-    data = MixedFrames(nyuv2, rooms, rooms_share=0.4, seed=2)
-    samples = Pool(encoder, codec, batches(data, 16), pool)
-    scales = {
-        # a checkpoint's encoder is scaled already: exactly what its U-Net was trained on
-        "image": 1 / float(samples.samples["image"].float().std())
-        if has_run(runs / "image_branch")
-        else 1.0,
-        "depth": 1 / float(samples.samples["latents"].float().std()),
-    }
-    (runs / "denoiser").mkdir(parents=True, exist_ok=True)
-    torch.save(scales, runs / "denoiser" / "scales.pt")
-    unet = build(encoder.config.latent_channels).to(memory_format=torch.channels_last)
-    if not has_run(runs / "denoiser"):
+    codec = load_codec(runs / "codec", start)
+    data, run = batches(MixedFrames(sources, seed=2), 16), runs / "denoiser"
+    if not (run / "scales.pt").exists():
+        several = list(islice(data, 16))
+        batch = {name: torch.cat([b[name] for b in several]) for name in several[0]}
+        run.mkdir(parents=True, exist_ok=True)
+        found = _interfaces(encoder, codec, start, batch, new=has_run(runs / "image_branch"))
+        torch.save(found, run / "scales.pt")
+    scales = torch.load(run / "scales.pt", weights_only=True)
+    change_latents(encoder, scales["matrix"], scales["offset"])
+    unet = build(encoder.config.latent_channels)
+    if not has_run(run):
         load_part(unet, start, "unet")
-    text = torch.zeros(1, 2, TEXT_CHANNELS)
-    scheduler = DDIMScheduler(**SCHEDULER)
+    for part in (encoder, codec, unet):
+        part.to(memory_format=torch.channels_last)
     generator = torch.Generator().manual_seed(0)
-
-    def loss_function(batch: Batch) -> dict[str, Tensor]:
-        image = batch["image"].float() * scales["image"]
-        latents = batch["latents"].float() * scales["depth"]
-        t = draw_timesteps(len(latents), generator)
-        noise = torch.randn(latents.shape, generator=generator)
-        # depth in other units can only be told from a part that is known
-        chance = torch.rand(batch["moved"].shape, generator=generator)
-        told = batch["moved"] | (chance < 0.15)
-        told_t = (500 + 600 * torch.rand(len(t), generator=generator).sqrt()).long().clamp(max=999)
-        t = torch.where(told.flatten(), told_t, t)
-        little = torch.randint(KNOWN_TIMESTEPS, t.shape, generator=generator)
-        known = told & ~draw_holes(batch["depth"], generator)
-        noisy = torch.where(
-            known,
-            scheduler.add_noise(latents, noise, little),
-            scheduler.add_noise(latents, noise, t),
-        )
-        both = torch.cat([image, noisy], dim=1).contiguous(memory_format=torch.channels_last)
-        with torch.autocast("cpu", torch.bfloat16):
-            prompt = text.expand(len(both), -1, -1)
-            output = unet(both, t, encoder_hidden_states=prompt, return_dict=False)[0]
-        # the velocity that leads to the latents, whatever noise the position has
-        alpha_bar = scheduler.alphas_cumprod[t].view(-1, 1, 1, 1)
-        sigma = (1 - alpha_bar).sqrt()
-        target = (alpha_bar.sqrt() * noisy - latents) / sigma
-        error = (output.float() - target).square()
-        return {
-            "loss": error.mean(),
-            "holes": error[(told & ~known).expand_as(error)].mean(),
-            "noise": error[~told.flatten()].mean(),
-        }
-
-    tune = held_out_frames(held_out, "tune") if held_out else None
-
-    @torch.no_grad()
-    def validate(model: nn.Module) -> dict[str, float]:
-        """Errors of the one-step estimate: from noise alone, and told what is around `HOLE`."""
-        assert tune is not None
-        estimates, holes = [], []
-        t = torch.tensor(999)
-        window = (..., *HOLE)
-        for image, depth in zip(*tune, strict=True):
-            normalised = torch.from_numpy(normalise(depth.numpy()))
-            low, high = depth_range(depth.numpy())
-            with torch.autocast("cpu", torch.bfloat16):
-                features = encoder(image_to_model(image[None])).float() * scales["image"]
-                noise = torch.randn(1, 4, *features.shape[-2:], generator=generator)
-                latents = encode_depth(codec, normalised[None]).float() * scales["depth"]
-                known = torch.ones_like(features[:, :1], dtype=torch.bool)
-                rows, columns = (slice(s.start // 8, -(-s.stop // 8)) for s in HOLE)
-                known[..., rows, columns] = False
-                told = torch.where(known, latents, noise)
-                both = torch.cat([features.expand(2, -1, -1, -1), torch.cat([noise, told])], dim=1)
-                prompt = text.expand(2, -1, -1)
-                v = model(both, t, encoder_hidden_states=prompt, return_dict=False)[0]
-                decoded = codec.decode(-v.float() / scales["depth"]).sample
-            estimate, filled = decoded.float().mean(dim=1, keepdim=True).clamp(-1, 1)
-            estimates.append(estimate)
-            metric = low + (filled + 1) / 2 * (high - low)
-            holes.append(((metric - depth).abs() / depth)[window].mean())
-        errors = affine_errors(torch.stack(estimates), tune[1])
-        return errors | {"hole_abs_rel": float(torch.stack(holes).mean())}
-
-    groups: list[dict[str, object]] = [{"params": list(unet.parameters()), "lr": 6e-4}]
-    procedural_only = nyuv2 is None and is_procedural(start)
-    Trainer(unet, groups, runs / "denoiser", minutes, procedural_only).fit(
-        samples.batches(32, renew_every=4), loss_function, validate if tune else None
+    scheduler = DDIMScheduler(**SCHEDULER)
+    stage = Stage(encoder, codec, unet, scheduler, scales["depth"], generator)
+    trainer = Trainer(
+        stage.unet,
+        [{"params": list(unet.parameters()), "lr": 6e-4}],
+        run,
+        minutes,
+        sources.procedural_only and is_procedural(start),
+    )
+    samples = Pool(stage.encoder, stage.codec, stage.first_answer, data, pool)
+    trainer.fit(
+        samples.batches(32, renew_every=4), stage.loss, partial(stage.validate, frames=tune)
     )

@@ -54,10 +54,7 @@ def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
     encoder = denoiser.load_image_encoder(runs / "image_branch", start)
     codec = denoiser.load_codec(runs / "codec", start)
     scales = torch.load(runs / "denoiser" / "scales.pt", weights_only=True)
-    with torch.no_grad():
-        encoder.conv_out.weight *= scales["image"]
-        assert encoder.conv_out.bias is not None
-        encoder.conv_out.bias *= scales["image"]
+    denoiser.change_latents(encoder, scales["matrix"], scales["offset"])
     codec.register_to_config(scaling_factor=scales["depth"])
     unet = denoiser.average_of(runs / "denoiser", denoiser.build(encoder.config.latent_channels))
     text_encoder, tokenizer = empty_prompt(denoiser.TEXT_CHANNELS)
@@ -76,7 +73,7 @@ def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
 
 
 def procedural_only(runs: Path, start: Path | None = None) -> bool:
-    """Whether NYUv2 had no part in any stage of `runs`, nor in the checkpoint `start`."""
+    """Whether photographs had no part in any stage of `runs`, nor in the checkpoint `start`."""
     stages = [runs / name / "last.pt" for name in ("image_branch", "codec", "denoiser")]
     trained = [torch.load(path, weights_only=True) for path in stages if path.exists()]
     return is_procedural(start) and all(run.get("procedural_only", False) for run in trained)

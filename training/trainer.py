@@ -20,10 +20,12 @@ LossFunction = Callable[[Batch], dict[str, Tensor]]
 class Trainer:
     """Trains `model` for `minutes`, with a warm-up and a cosine decay over that time.
 
+    Minutes are the processor's for this process: a pause, or others on the machine, cost nothing.
+
     The loss function returns named scalars; "loss" is minimised. `run` holds `log.csv` and
     `last.pt` (weights and their exponential average; the optimiser restarts with its warm-up).
-    procedural_only: whether these weights and this run's data are free of NYUv2; `last.pt` tells
-    whether all runs were.
+    procedural_only: whether these weights and this run's data are free of photographs; `last.pt`
+    tells whether all runs were.
     """
 
     model: nn.Module
@@ -61,13 +63,16 @@ class Trainer:
         *,
         every_minutes: float = 5,
     ) -> None:
-        """Runs until the time is up; logs means, validates the average and saves as it goes."""
+        """Runs until the time is up; logs means, validates the average and saves as it goes.
+
+        every_minutes: of the clock on the wall, between two records.
+        """
         optimiser = torch.optim.AdamW(self.groups, weight_decay=0.01, betas=(0.9, 0.98))
         peaks = [group["lr"] for group in optimiser.param_groups]
-        start = last = time.monotonic()
+        start, last = time.process_time(), time.monotonic()
         sums: dict[str, float] = {}
         step = since = seen = 0
-        while (elapsed := (time.monotonic() - start) / 60) < self.minutes:
+        while (elapsed := (time.process_time() - start) / 60) < self.minutes:
             rate = _rate(step, elapsed / self.minutes)
             for group, peak in zip(optimiser.param_groups, peaks, strict=True):
                 group["lr"] = peak * rate

@@ -11,8 +11,8 @@ from PIL import Image
 
 from benchmarks.measuring import Timing
 from benchmarks.pareto import Result, Results, compare, front, plot, table
-from steered_marigold.core.sparsity import Measurements
-from steered_marigold.evaluation.protocol import PreparedFrame
+from steered_marigold.core.frame import make_frame
+from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.methods.interpolation import LinearCompleter, NearestCompleter
 
 numbers = st.integers(1, 5).map(float)
@@ -35,11 +35,8 @@ def ramp(frame_id: str) -> PreparedFrame:
     mask = torch.zeros(20, 31, dtype=torch.bool)
     mask[:, ::5] = True
     return PreparedFrame(
-        frame_id=frame_id,
-        image=torch.zeros(20, 31, 3, dtype=torch.uint8),
-        measurements=Measurements(sparse_depth=depth, valid_mask=mask),
-        K=None,
-        depth=depth,
+        shown=make_frame(torch.zeros(20, 31, 3), depth, mask, id=frame_id),
+        metric_depth=depth,
         areas={"full": torch.ones_like(mask), "hidden": ~mask},
         focus="hidden",
         known_area=None,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import griddata
 
-from steered_marigold.core.interpolation import ScatteredInterpolant
+from steered_marigold.core.interpolation import ScatteredInterpolant, push_pull
 from steered_marigold.errors import NoMeasurementsError
 
 SHAPE = (31, 43)
@@ -84,3 +84,41 @@ def test_batches_and_precision() -> None:
 def test_no_points() -> None:
     with pytest.raises(NoMeasurementsError, match="at least one point"):
         ScatteredInterpolant(torch.zeros(0, 2, dtype=torch.int64), SHAPE)
+
+
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    share=st.floats(0.0, 1.0),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=60)
+def test_push_pull_keeps_values_and_stays_between_them(
+    height: int, width: int, share: float, seed: int
+) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    known = torch.rand(height, width, generator=generator) < share
+    known[seed % height, seed % width] = True
+    values = torch.rand(height, width, generator=generator)
+    result = push_pull(values * known, known.float())
+    assert torch.equal(result[known], values[known])
+    assert result.min() >= values[known].min() - 1e-5
+    assert result.max() <= values[known].max() + 1e-5
+
+
+def test_push_pull_is_near_the_triangulation_of_a_smooth_map() -> None:
+    points = random_points(0, 0.2)
+    x, y = points.unbind(1)
+    known = torch.zeros(SHAPE, dtype=torch.bool)
+    known[y, x] = True
+    rows, columns = torch.meshgrid(*(torch.arange(n) for n in SHAPE), indexing="ij")
+    smooth = torch.sin(columns / 12) + 0.02 * rows
+    error = (push_pull(smooth * known, known.float()) - smooth).abs()
+    linear = (ScatteredInterpolant(points, SHAPE)(smooth[y, x]) - smooth).abs()
+    assert error.mean() < 0.02
+    assert error.mean() < 4 * linear.mean() + 0.02
+
+
+def test_push_pull_of_nothing_is_zero() -> None:
+    nothing = torch.zeros(7, 9)
+    assert torch.equal(push_pull(nothing, nothing), nothing)

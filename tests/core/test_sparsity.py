@@ -7,13 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from steered_marigold.core.frame import Frame
 from steered_marigold.core.sparsity import (
-    Measurements,
     add_noise,
     add_outliers,
     erase_rectangle,
     fraction_to_count,
-    keep,
     limit_range,
     remove_blobs,
     remove_region,
@@ -23,7 +22,7 @@ from steered_marigold.core.sparsity import (
 from steered_marigold.errors import InputError
 
 SIZE = (60, 80)
-Step = Callable[[Measurements, torch.Generator], Measurements]
+Step = Callable[[Frame, torch.Generator], Frame]
 
 STEPS: dict[str, Step] = {
     "uniform": lambda m, g: sample_uniform(m, 200, generator=g),
@@ -41,12 +40,16 @@ def rng(seed: int = 99) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def dense(seed: int = 0, share: float = 0.8) -> Measurements:
+def dense(seed: int = 0, share: float = 0.8) -> Frame:
     """A random depth map of 0.5 to 6 m, invalid pixels holding values that must not be read."""
     depth = 0.5 + 5.5 * torch.rand(SIZE, generator=rng(seed))
-    return Measurements(
-        sparse_depth=depth, valid_mask=torch.rand(SIZE, generator=rng(seed + 1)) < share
-    )
+    return frame_of(depth, torch.rand(SIZE, generator=rng(seed + 1)) < share)
+
+
+def frame_of(depth: torch.Tensor, mask: torch.Tensor) -> Frame:
+    """Measurements of a black image."""
+    image = torch.zeros(*SIZE, 3, dtype=torch.uint8)
+    return Frame(image=image, sparse_depth=depth, valid_mask=mask)
 
 
 @pytest.mark.parametrize("step", STEPS.values(), ids=STEPS.keys())
@@ -124,14 +127,14 @@ def test_blobs_are_large_and_differ_by_seed() -> None:
     assert len(set(shares.tolist())) > 40
 
 
-def grid() -> Measurements:
+def grid() -> Frame:
     """Three of four pixels of two of three rows, in an L; and an island of 8 x 8 px."""
     mask = torch.zeros(SIZE, dtype=torch.bool)
     mask[5:50, 5:25] = mask[35:50, 5:60] = True
     mask[::3] = False
     mask[:, ::4] = False
     mask[10:18, 60:68] = True
-    return Measurements(sparse_depth=torch.ones(SIZE), valid_mask=mask)
+    return frame_of(torch.ones(SIZE), mask)
 
 
 @given(st.integers(0, 2**31), st.sampled_from([0.1, 1 / 3, 0.7]))
@@ -159,7 +162,7 @@ def test_a_region_goes_around_what_was_not_measured() -> None:
     """Two arms side by side, joined at one end: the other arm is near, but not next."""
     mask = torch.zeros(SIZE, dtype=torch.bool)
     mask[5:9, 5:75] = mask[20:24, 5:75] = mask[5:24, 5:9] = True
-    before = Measurements(sparse_depth=torch.ones(SIZE), valid_mask=mask)
+    before = frame_of(torch.ones(SIZE), mask)
     for seed in range(20):
         hidden = mask & ~remove_region(before, 0.2, generator=rng(seed)).valid_mask
         arms = hidden[:9, 20:].any(), hidden[20:, 20:].any()
@@ -167,7 +170,7 @@ def test_a_region_goes_around_what_was_not_measured() -> None:
 
 
 def test_nothing_measured_stays_nothing() -> None:
-    nothing = keep(dense(), torch.zeros(SIZE, dtype=torch.bool))
+    nothing = dense().keep(torch.zeros(SIZE, dtype=torch.bool))
     after = remove_region(nothing, 1 / 3, generator=rng())
     assert not bool(after.valid_mask.any())
 
@@ -199,7 +202,7 @@ def test_outliers_hit_their_share() -> None:
     assert 9.9 < float(after.sparse_depth[changed].max()) <= 10
     assert torch.equal(
         add_outliers(before, 0.0, generator=rng()).sparse_depth,
-        keep(before, before.valid_mask).sparse_depth,
+        before.keep(before.valid_mask).sparse_depth,
     )
 
 

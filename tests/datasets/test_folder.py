@@ -11,7 +11,7 @@ from PIL import Image
 from steered_marigold.datasets.dataset import select_frames
 from steered_marigold.datasets.folder import FrameFolder
 from steered_marigold.datasets.registry import DATASETS, open_dataset
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, InputError, SizeMismatchError
 
 
@@ -34,11 +34,11 @@ def test_pairs_by_stem(folder: Path) -> None:
     assert dataset.frame_ids == ("a", "a-c", "b")
     sample = dataset.load("a")
     with Image.open(folder / "depth" / "a.png") as file:
-        np.testing.assert_allclose(sample.depth.numpy(), np.asarray(file) / 1000, rtol=1e-6)
+        np.testing.assert_allclose(sample.metric_depth.numpy(), np.asarray(file) / 1000, rtol=1e-6)
     with Image.open(folder / "rgb" / "a.png") as file:
-        np.testing.assert_array_equal(sample.image.numpy(), np.asarray(file))
-    assert sample.K is None
-    assert sample.sparse_depth is None
+        np.testing.assert_array_equal(sample.frame.image.numpy(), np.asarray(file))
+    assert sample.frame.K is None
+    assert not sample.frame.measured
 
 
 def test_sparse_depth_intrinsics_scale_and_range(folder: Path) -> None:
@@ -49,12 +49,10 @@ def test_sparse_depth_intrinsics_scale_and_range(folder: Path) -> None:
         Image.fromarray(sparse).save(folder / "sparse" / f"{stem}.png")
     (folder / "K.txt").write_text("10 0 6\n0 10 4\n0 0 1\n")
     sample = FrameFolder(folder, depth_scale=0.002, max_depth=50.0).load("b")
-    assert sample.sparse_depth is not None
-    assert sample.sparse_mask is not None
-    assert sample.sparse_mask.nonzero().tolist() == [[2, 3]]
-    assert float(sample.sparse_depth[2, 3]) == pytest.approx(2.0)
-    assert sample.K is not None
-    assert sample.K.tolist() == [[10, 0, 6], [0, 10, 4], [0, 0, 1]]
+    assert sample.frame.valid_mask.nonzero().tolist() == [[2, 3]]
+    assert float(sample.frame.sparse_depth[2, 3]) == pytest.approx(2.0)
+    assert sample.frame.K is not None
+    assert sample.frame.K.tolist() == [[10, 0, 6], [0, 10, 4], [0, 0, 1]]
 
 
 def test_layout_of_marigold_dc(tmp_path: Path) -> None:
@@ -66,9 +64,8 @@ def test_layout_of_marigold_dc(tmp_path: Path) -> None:
     np.save(tmp_path / "gt" / "1.npy", truth)
     np.save(tmp_path / "sparse" / "1.npy", sparse)
     sample = FrameFolder(tmp_path).load("1")
-    assert sample.sparse_mask is not None
-    np.testing.assert_array_equal(sample.depth.numpy(), truth)
-    np.testing.assert_array_equal(sample.sparse_mask.numpy(), sparse > 0)
+    np.testing.assert_array_equal(sample.metric_depth.numpy(), truth)
+    np.testing.assert_array_equal(sample.frame.valid_mask.numpy(), sparse > 0)
 
 
 @pytest.fixture
@@ -89,11 +86,11 @@ def test_one_folder_a_frame(subfolders: Path) -> None:
     dataset = FrameFolder(subfolders)
     assert dataset.frame_ids == ("a", "b")
     first, second = (dataset.load(frame_id) for frame_id in dataset.frame_ids)
-    assert float(first.depth.max()) == 1.5
-    assert float(second.depth.min()) == 2.5
-    assert first.K is not None
-    assert first.K.tolist() == [[10, 0, 6], [0, 10, 4], [0, 0, 1]]
-    assert second.K is None
+    assert float(first.metric_depth.max()) == 1.5
+    assert float(second.metric_depth.min()) == 2.5
+    assert first.frame.K is not None
+    assert first.frame.K.tolist() == [[10, 0, 6], [0, 10, 4], [0, 0, 1]]
+    assert second.frame.K is None
     (subfolders / "b" / "depth.npy").unlink()
     with pytest.raises(FileFormatError, match=r"1 frames lack .* first 'b'"):
         FrameFolder(subfolders)
@@ -103,24 +100,24 @@ def test_reads_the_real_frames(real_frames: Path) -> None:
     dataset = FrameFolder(real_frames, max_depth=20.0)
     assert {"realsense_3", "window_001", "kittidc_64l_1"} <= set(dataset.frame_ids)
     sample = dataset.load("realsense_3")
-    assert sample.K is not None
-    assert 5 < float(sample.depth.max()) <= 20
-    assert dataset.load("window_001").K is None
+    assert sample.frame.K is not None
+    assert 5 < float(sample.metric_depth.max()) <= 20
+    assert dataset.load("window_001").frame.K is None
 
 
 def test_reads_the_development_data(nyuv2_train: Path) -> None:
     dataset = FrameFolder(nyuv2_train)
     assert len(dataset.frame_ids) == 795
     sample = dataset.load("0169")
-    assert sample.image.shape == (480, 640, 3)
-    assert bool(sample.valid_mask.all())
-    assert 0.7 < float(sample.depth.min()) < float(sample.depth.max()) < 10
+    assert sample.frame.image.shape == (480, 640, 3)
+    assert bool(sample.metric_mask.all())
+    assert 0.7 < float(sample.metric_depth.min()) < float(sample.metric_depth.max()) < 10
 
 
 def test_a_data_set_can_be_sent_to_a_worker(folder: Path) -> None:
     dataset = FrameFolder(folder)
     copy = pickle.loads(pickle.dumps(dataset))
-    assert torch.equal(copy.load("a").depth, dataset.load("a").depth)
+    assert torch.equal(copy.load("a").metric_depth, dataset.load("a").metric_depth)
 
 
 def test_bad_input(folder: Path) -> None:
@@ -154,7 +151,7 @@ class Numbers:
     def __init__(self, count: int) -> None:
         self.frame_ids = tuple(f"{index:04d}" for index in range(count))
 
-    def load(self, frame_id: str) -> RgbdSample:
+    def load(self, frame_id: str) -> Sample:
         raise AssertionError
 
 

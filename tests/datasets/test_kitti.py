@@ -35,18 +35,16 @@ def test_reads_metres_scan_and_intrinsics(selection: Path) -> None:
     dataset = KittiSelection(selection)
     assert dataset.frame_ids == (FRAME.format("image"),)
     sample = dataset.load(dataset.frame_ids[0])
-    assert sample.sparse_depth is not None
-    assert sample.sparse_mask is not None
-    assert sample.K is not None
+    assert sample.frame.K is not None
     for folder, depth, mask in (
-        ("groundtruth_depth", sample.depth, sample.valid_mask),
-        ("velodyne_raw", sample.sparse_depth, sample.sparse_mask),
+        ("groundtruth_depth", sample.metric_depth, sample.metric_mask),
+        ("velodyne_raw", sample.frame.sparse_depth, sample.frame.valid_mask),
     ):
         with Image.open(selection / folder / f"{FRAME.format(folder)}.png") as file:
             codes = np.asarray(file)
         np.testing.assert_allclose(depth.numpy(), codes / 256, rtol=1e-6)
         np.testing.assert_array_equal(mask.numpy(), codes > 0)
-    assert sample.K[0].tolist() == pytest.approx([721.5377, 0, 596.5593])
+    assert sample.frame.K[0].tolist() == pytest.approx([721.5377, 0, 596.5593])
 
 
 def test_bad_input(selection: Path, tmp_path: Path) -> None:

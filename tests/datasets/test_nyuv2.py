@@ -61,19 +61,19 @@ def test_raw_depth_by_default_in_official_orientation(mat: Path) -> None:
     assert len(dataset.frame_ids) == 654
     sample = dataset.load("0000")
     image, raw, _ = picture(0)
-    assert sample.image.numpy().tobytes() == image.tobytes()
-    np.testing.assert_array_equal(sample.depth.numpy(), raw)
-    np.testing.assert_array_equal(sample.valid_mask.numpy(), raw > 0)
-    assert sample.K is not None
-    assert sample.sparse_depth is None
+    assert sample.frame.image.numpy().tobytes() == image.tobytes()
+    np.testing.assert_array_equal(sample.metric_depth.numpy(), raw)
+    np.testing.assert_array_equal(sample.metric_mask.numpy(), raw > 0)
+    assert sample.frame.K is not None
+    assert not sample.frame.measured
 
 
 def test_inpainted_depth_and_train_split(mat: Path) -> None:
     dataset = Nyuv2(mat, split="train", ground_truth="inpainted")
     assert dataset.frame_ids[0] == "0002"
     sample = dataset.load("0002")
-    np.testing.assert_array_equal(sample.depth.numpy(), picture(2)[2])
-    assert bool(sample.valid_mask.all())
+    np.testing.assert_array_equal(sample.metric_depth.numpy(), picture(2)[2])
+    assert bool(sample.metric_mask.all())
 
 
 def test_a_missing_file_names_itself_and_its_source(tmp_path: Path) -> None:
@@ -130,9 +130,9 @@ def test_h5_folders(tmp_path: Path) -> None:
     dataset = Nyuv2H5(tmp_path / "val")
     assert dataset.frame_ids == ("official/00001", "official/00002")
     sample = dataset.load("official/00002")
-    np.testing.assert_array_equal(sample.image.numpy(), image)
-    np.testing.assert_array_equal(sample.valid_mask.numpy(), np.nan_to_num(raw) > 0)
-    assert bool(torch.isfinite(sample.depth).all())
+    np.testing.assert_array_equal(sample.frame.image.numpy(), image)
+    np.testing.assert_array_equal(sample.metric_mask.numpy(), np.nan_to_num(raw) > 0)
+    assert bool(torch.isfinite(sample.metric_depth).all())
 
 
 def test_h5_bad_input(tmp_path: Path) -> None:

@@ -26,8 +26,9 @@ def test_loads_a_folder_in_the_dtype_asked_for(folder: Path) -> None:
     assert pipeline.image_encoder is None
 
 
-def test_without_a_dtype_it_is_what_the_device_is_fastest_in(folder: Path) -> None:
-    pipeline = load_pipeline(str(folder), device="cpu", dtype=None)
+def test_auto_is_what_the_device_is_fastest_in(folder: Path) -> None:
+    assert load_pipeline(str(folder), device="cpu").unet.dtype == torch.float32
+    pipeline = load_pipeline(str(folder), device="cpu", dtype="auto")
     assert pipeline.unet.dtype == fastest_dtype(torch.device("cpu"))
     features = torch.cpu.get_capabilities()
     has_bfloat16 = bool(features.get("avx512_bf16") or features.get("amx_bf16"))
@@ -81,8 +82,13 @@ def test_a_hub_id_without_network_says_so_in_one_line(monkeypatch: pytest.Monkey
 
 
 def test_a_device_that_is_not_there(folder: Path) -> None:
-    with pytest.raises(InputError, match="device toaster"):
+    with pytest.raises(InputError, match="`device` toaster cannot be used"):
         load_pipeline(str(folder), device="toaster")
+
+
+def test_an_unknown_precision(folder: Path) -> None:
+    with pytest.raises(InputError, match="`dtype` is 'int8': choose one of auto, float32"):
+        load_pipeline(str(folder), device="cpu", dtype="int8")
 
 
 def test_stable_diffusion_2_shapes() -> None:

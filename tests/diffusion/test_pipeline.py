@@ -308,8 +308,8 @@ def test_saves_and_loads_with_its_image_encoder(
         p(*frame(), preset=preset, num_inference_steps=2, generator=seeded()).depth
         for p in (pipeline_with_encoder, loaded)
     ]
-    # memory that is aligned otherwise may be summed in another order
-    torch.testing.assert_close(*answers, rtol=1e-4, atol=1e-4)
+    # memory that is aligned otherwise may be summed in another order, which edges amplify
+    torch.testing.assert_close(*answers, rtol=1e-3, atol=1e-3)
 
 
 def test_offload_order_names_every_model(pipeline_with_encoder: SteeredMarigoldPipeline) -> None:
@@ -365,6 +365,125 @@ def test_the_record_counts_exact_and_linear_steps(pipeline: SteeredMarigoldPipel
         assert codec == "linear" or answer.linear_codec_steps == 0
     unsteered = pipeline(image, depth, mask, preset=None)
     assert (unsteered.exact_codec_steps, unsteered.linear_codec_steps) == (0, 0)
+
+
+def forbid_networks(pipeline: SteeredMarigoldPipeline) -> None:
+    """From now on every network of a pipeline fails the test that calls it."""
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        raise AssertionError("a network ran")
+
+    for model in pipeline.components.values():
+        if isinstance(model, torch.nn.Module):
+            for module in model.modules():
+                module.register_forward_pre_hook(called)
+    pipeline.vae.encode = pipeline.vae.decode = called
+
+
+LATENTS = torch.zeros(1, 4, 5, 6)
+WRONG_CALLS: dict[str, tuple[dict[str, Any], str]] = {
+    "shape of latents": ({"latents": LATENTS[..., :5]}, r"`latents` is \[1, 4, 5, 5\]"),
+    "number of latents": (
+        {"latents": LATENTS, "ensemble_size": 3},
+        r"`latents` .* must be \[3, 4, 5, 6\]",
+    ),
+    "shape of previous latents": (
+        {"previous_latents": LATENTS[:, :3]},
+        r"`previous_latents` is \[1, 3, 5, 6\]",
+    ),
+    "restart of nothing": ({"previous_latents": LATENTS, "restart": 0.0}, "`restart` is 0"),
+    "restart of more than all": ({"previous_latents": LATENTS, "restart": 1.5}, "`restart` is 1.5"),
+    "size of confidence": (
+        {"confidence": torch.ones(HEIGHT, WIDTH - 1)},
+        rf"`confidence` is .*asks for \[1, {HEIGHT}, {WIDTH}\]",
+    ),
+    "confidence of per cent": (
+        {"confidence": 100 * torch.ones(HEIGHT, WIDTH)},
+        r"`confidence` must lie in 0\.\.1",
+    ),
+    "confidence that is no number": (
+        {"confidence": torch.full((HEIGHT, WIDTH), torch.nan)},
+        r"`confidence` must lie in 0\.\.1",
+    ),
+    "callback's tensors": (
+        {"callback_on_step_end_tensor_inputs": ["latents", "prompt_embeds"]},
+        "`callback_on_step_end_tensor_inputs` has .*prompt_embeds",
+    ),
+    "output type": ({"output_type": "pil"}, "`output_type` is 'pil'"),
+    "no codec for steering": (
+        {"steering_codec": "tiny", "steering_strength": 0.1},
+        "`steering_codec='tiny'` needs a checkpoint with a steering_vae",
+    ),
+    "no steps": ({"num_inference_steps": 0}, "`num_inference_steps` is 0: it must be at least 1"),
+    "more steps than there are": ({"num_inference_steps": 1001}, "`num_inference_steps` is 1001"),
+    "preset": ({"preset": "best"}, "unknown preset 'best'"),
+    "generators": ({"generator": [seeded(), seeded()]}, "`generator` is a list of 2 for 1 images"),
+    "measurements of another size": (
+        {"sparse_depth": torch.ones(HEIGHT, WIDTH - 1)},
+        "`sparse_depth` is",
+    ),
+    "mask of another size": (
+        {"valid_mask": torch.ones(HEIGHT - 1, WIDTH, dtype=torch.bool)},
+        "`valid_mask` is",
+    ),
+    "negative depth": ({"sparse_depth": -torch.ones(HEIGHT, WIDTH)}, "finite and positive"),
+    "nothing measured": (
+        {"valid_mask": torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)},
+        "no valid measurement for image 0",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "problem"), WRONG_CALLS.values(), ids=WRONG_CALLS.keys())
+@pytest.mark.parametrize("preset", [None, "default", "paper"])
+def test_a_wrong_call_is_refused_before_any_network_runs(
+    pipeline: SteeredMarigoldPipeline, preset: str | None, arguments: dict[str, Any], problem: str
+) -> None:
+    image, depth, mask = frame()
+    forbid_networks(pipeline)
+    right: dict[str, Any] = {"sparse_depth": depth, "valid_mask": mask, "preset": preset}
+    sizes: dict[str, Any] = {"processing_resolution": 48, "ensemble_size": 1, "mirror": False}
+    with pytest.raises(InputError, match=problem):
+        pipeline(image, **right | sizes | arguments)
+    with pytest.raises(AssertionError, match="a network ran"):
+        pipeline(image, **right | sizes)
+
+
+@pytest.mark.parametrize(
+    "scheduler",
+    ["UniPCMultistepScheduler", "DPMSolverMultistepScheduler", "EulerDiscreteScheduler"],
+)
+def test_a_scheduler_without_a_clean_estimate_is_refused_before_any_network_runs(
+    pipeline: SteeredMarigoldPipeline, scheduler: str
+) -> None:
+    pipeline.scheduler = getattr(diffusers, scheduler).from_config(pipeline.scheduler.config)
+    image, depth, mask = frame()
+    forbid_networks(pipeline)
+    for preset in (None, "default"):
+        with pytest.raises(InputError, match=f"{scheduler}.*use DDIMScheduler, DDPMS"):
+            pipeline(image, depth, mask, preset=preset)
+
+
+def test_the_answer_carries_its_latents_if_asked(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    arguments: dict[str, Any] = {"preset": None, "ensemble_size": 3}
+    plain = pipeline(image, depth, mask, generator=seeded(), **arguments)
+    answer = pipeline(image, depth, mask, generator=seeded(), output_latents=True, **arguments)
+    assert plain.latents is None
+    assert answer.latents.shape == (3, 4, 5, 6)
+    assert torch.equal(answer.depth, plain.depth)
+    last: list[torch.Tensor] = []
+
+    def keep(pipe: Any, i: int, t: torch.Tensor, tensors: dict[str, Any]) -> dict[str, Any]:
+        last[:] = [tensors["latents"]]
+        return {}
+
+    pipeline(image, depth, mask, generator=seeded(), callback_on_step_end=keep, **arguments)
+    assert torch.equal(answer.latents, last[0])
+    arrays = pipeline(
+        image, depth, mask, generator=seeded(), output_latents=True, output_type="np", **arguments
+    )
+    np.testing.assert_array_equal(arrays["latents"], answer.latents.numpy())
 
 
 @pytest.mark.parametrize("scheduler", ["DDPMScheduler", "DDIMScheduler", "LCMScheduler"])
@@ -467,3 +586,15 @@ def test_what_a_checkpoint_continues_survives_saving(
     pipeline.register_to_config(continues_known=True)
     pipeline.save_pretrained(tmp_path)
     assert SteeredMarigoldPipeline.from_pretrained(tmp_path).config.continues_known
+
+
+@pytest.mark.parametrize("size", [(1, 1), (24, 1), (1, 24), (2, 2), (33, 3)])
+def test_thin_images(pipeline_with_encoder: SteeredMarigoldPipeline, size: tuple[int, int]) -> None:
+    depth = torch.full(size, 2.0)
+    answer = pipeline_with_encoder(torch.zeros(3, *size), depth, preset="fast")
+    torch.testing.assert_close(answer.depth[0], depth)
+
+
+def test_images_that_are_too_thin_are_refused(pipeline: SteeredMarigoldPipeline) -> None:
+    with pytest.raises(InputError, match="aspect ratio"):
+        pipeline(torch.zeros(3, 1000, 3), torch.ones(1000, 3))

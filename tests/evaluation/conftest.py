@@ -10,6 +10,7 @@ import torch
 from PIL import Image
 
 from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.frame import Frame
 from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.methods.completer import DepthCompleter
@@ -41,7 +42,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> RunSettings:
     )
 
 
-class Wrapped:
+class Wrapped(DepthCompleter):
     """`nearest`, with an uncertainty, and failing on frames whose image has a given first byte."""
 
     name = "wrapped"
@@ -50,19 +51,11 @@ class Wrapped:
         self.fails_on = fails_on
         self.draws: list[float] = []
 
-    def complete(
-        self,
-        image: torch.Tensor,
-        sparse_depth: torch.Tensor,
-        valid_mask: torch.Tensor,
-        K: torch.Tensor | None = None,
-        *,
-        generator: torch.Generator | None = None,
-    ) -> DepthCompletion:
-        if int(image[0, 0, 0]) == self.fails_on:
+    def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
+        if int(frame.image[0, 0, 0]) == self.fails_on:
             raise RuntimeError("out of ideas")
         self.draws.append(float(torch.rand((), generator=generator)))
-        answer = create_method("nearest").complete(image, sparse_depth, valid_mask)
+        answer = create_method("nearest").answer(frame)
         trusted = answer.measured.clone()
         trusted[0, :16] = False
         return replace(answer, uncertainty=torch.full_like(answer.depth, 0.02), trusted=trusted)

@@ -98,7 +98,7 @@ def test_seam_is_drawn_where_the_hole_is(paper: RunSettings) -> None:
     left, right = near.get_xlim()
     assert left < 100 < right
     assert [line.get_label() for line in whole.lines] == ["truth", "nearest"]
-    np.testing.assert_array_equal(whole.lines[0].get_ydata(), frame.depth[224].numpy())
+    np.testing.assert_array_equal(whole.lines[0].get_ydata(), frame.metric_depth[224].numpy())
     assert seam_figure(replace(frame, known_area=None), {}) is None
     assert (
         seam_figure(replace(frame, known_area=torch.ones(448, 608, dtype=torch.bool)), {}) is None
@@ -129,10 +129,10 @@ def test_a_failing_method_leaves_its_place_empty(tiny: RunSettings, failing_on: 
 def test_pictures_show_what_is_known(tiny: RunSettings, lines: int, enlarged: bool) -> None:
     settings = replace(tiny, protocol=Protocol(kind="lidar", lines=lines))
     frame = Evaluator(settings).prepare("f2")
-    drawn, mask = sparse_picture(frame), frame.measurements.valid_mask.numpy()
-    np.testing.assert_array_equal(drawn[mask], frame.measurements.sparse_depth.numpy()[mask])
+    drawn, mask = sparse_picture(frame), frame.shown.valid_mask.numpy()
+    np.testing.assert_array_equal(drawn[mask], frame.shown.sparse_depth.numpy()[mask])
     assert (np.isfinite(drawn).sum() > mask.sum()) == enlarged
-    np.testing.assert_array_equal(truth_picture(frame), frame.depth.numpy())
+    np.testing.assert_array_equal(truth_picture(frame), frame.metric_depth.numpy())
 
 
 def test_bad_input(tiny: RunSettings, tmp_path: Path) -> None:

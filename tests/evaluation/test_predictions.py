@@ -7,6 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.frame import Frame
 from steered_marigold.evaluation.predictions import Predictions
 from steered_marigold.evaluation.report import write_outputs
 from steered_marigold.evaluation.runner import Evaluator, run_evaluation
@@ -14,7 +16,7 @@ from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 
-LABEL = "steered:paper@steering_strength=0.2,condition_alignment=minmax"
+LABEL = "paper@steering_strength=0.2,condition_alignment=minmax"
 names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=20)
 
 
@@ -31,14 +33,14 @@ class Counting:
     def __call__(self, name: str) -> DepthCompleter:
         method, outer = create_method(name), self
 
-        class Counted:
+        class Counted(DepthCompleter):
             name = method.name
 
-            def complete(self, *args: object, **kwargs: object) -> object:
+            def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
                 outer.completions += 1
-                return method.complete(*args, **kwargs)  # type: ignore[arg-type]
+                return method.answer(frame, generator=generator)
 
-        return Counted()  # type: ignore[return-value]
+        return Counted()
 
 
 @pytest.mark.parametrize(
@@ -83,8 +85,9 @@ def test_names_are_safe_and_tell_answers_apart(a: str, b: str, c: str, d: str) -
 
 
 def test_labels_stay_readable(tiny: RunSettings, tmp_path: Path) -> None:
-    folder = Predictions(tiny, tmp_path).path(LABEL, "drive/1").parent
-    assert folder.name == LABEL.replace(":", "%3A")
+    kept = Predictions(tiny, tmp_path)
+    assert kept.path(LABEL, "drive/1").parent.name == LABEL
+    assert kept.path(f"stream:{LABEL}", "drive/1").parent.name == f"stream%3A{LABEL}"
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from steered_marigold.core.frame import Frame
 from steered_marigold.core.geometry import project, unproject
 from steered_marigold.core.sparsity import HALVES
 from steered_marigold.datasets.folder import FrameFolder
-from steered_marigold.datasets.sample import RgbdSample
+from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, InputError, SizeMismatchError
 from steered_marigold.evaluation.protocols import (
     KINDS,
@@ -35,20 +36,21 @@ DIGESTS = {
 }
 
 
-def sample(frame_id: str = "0042", size: tuple[int, int] = (480, 640)) -> RgbdSample:
+def sample(frame_id: str = "0042", size: tuple[int, int] = (480, 640)) -> Sample:
     """A frame with 10 % of its truth missing and a sparse depth of its own."""
     generator = torch.Generator().manual_seed(3)
     depth = 0.5 + 6 * torch.rand(size, generator=generator)
     valid = torch.rand(size, generator=generator) < 0.9
-    return RgbdSample(
-        frame_id=frame_id,
-        image=torch.randint(0, 256, (*size, 3), generator=generator, dtype=torch.uint8),
-        depth=torch.where(valid, depth, 0.0),
-        valid_mask=valid,
-        sparse_depth=depth,
-        sparse_mask=torch.rand(size, generator=generator) < 0.02,
+    image = torch.randint(0, 256, (*size, 3), generator=generator, dtype=torch.uint8)
+    sparse = torch.rand(size, generator=generator) < 0.02
+    frame = Frame(
+        id=frame_id,
+        image=image,
+        sparse_depth=torch.where(sparse, depth, 0.0),
+        valid_mask=sparse,
         K=torch.tensor([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]),
     )
+    return Sample(frame=frame, metric_depth=torch.where(valid, depth, 0.0), metric_mask=valid)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +69,7 @@ def protocol(kind: str, masks: Path, **options: Any) -> Protocol:
 
 
 def seen(frame: PreparedFrame) -> torch.Tensor:
-    return frame.measurements.valid_mask
+    return frame.shown.valid_mask
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -77,9 +79,9 @@ def test_depends_on_seed_and_frame_alone(kind: str, masks: Path) -> None:
     prepare(sample("b"), chosen, seed=2)
     torch.manual_seed(99)
     again = prepare(sample("a"), chosen, seed=1)
-    assert torch.equal(first.measurements.sparse_depth, again.measurements.sparse_depth)
+    assert torch.equal(first.shown.sparse_depth, again.shown.sparse_depth)
     for other in (prepare(sample("b"), chosen, seed=1), prepare(sample("a"), chosen, seed=2)):
-        assert not torch.equal(first.measurements.sparse_depth, other.measurements.sparse_depth)
+        assert not torch.equal(first.shown.sparse_depth, other.shown.sparse_depth)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -88,20 +90,19 @@ def test_measurements_are_true_and_areas_hold_truth(kind: str, masks: Path) -> N
     frame = prepare(whole, protocol(kind, masks), seed=0)
     assert tuple(frame.areas) == protocol(kind, masks).areas
     assert 0 < int(seen(frame).sum()) < seen(frame).numel()
-    truth = frame.depth if kind != "given" else whole.sparse_depth
-    assert truth is not None
-    assert torch.equal(frame.measurements.sparse_depth[seen(frame)], truth[seen(frame)])
+    truth = frame.metric_depth if kind != "given" else whole.frame.sparse_depth
+    assert torch.equal(frame.shown.sparse_depth[seen(frame)], truth[seen(frame)])
     for mask in frame.areas.values():
-        assert bool((frame.depth[mask] > 0).all())
+        assert bool((frame.metric_depth[mask] > 0).all())
 
 
 def test_paper_crop_samples_and_areas() -> None:
     whole = sample()
     frame = prepare(whole, Protocol(kind="paper-uniform"), seed=0)
-    assert frame.depth.shape == (448, 608)
-    assert torch.equal(frame.image, whole.image[16:464, 16:624])
+    assert frame.metric_depth.shape == (448, 608)
+    assert torch.equal(frame.shown.image, whole.frame.image[16:464, 16:624])
     assert int(seen(frame).sum()) == 13619
-    valid = whole.valid_mask[16:464, 16:624]
+    valid = whole.metric_mask[16:464, 16:624]
     # margins: (448 - 248) / 2 = 100, (448 - 198) / 2 = 125, and the same in width
     assert torch.equal(frame.areas["608x448"], valid)
     for area, margin in (("408x248", 100), ("358x198", 125)):
@@ -113,10 +114,10 @@ def test_paper_crop_samples_and_areas() -> None:
 def test_crop_keeps_pixels_on_their_rays() -> None:
     whole = sample()
     frame = prepare(whole, Protocol(kind="paper-uniform"), seed=0)
-    assert whole.K is not None
-    assert frame.K is not None
-    point = unproject(whole.depth, whole.K)[100, 200]
-    assert project(point, frame.K).tolist() == pytest.approx([200 - 16, 100 - 16], abs=1e-3)
+    assert whole.frame.K is not None
+    assert frame.shown.K is not None
+    point = unproject(whole.metric_depth, whole.frame.K)[100, 200]
+    assert project(point, frame.shown.K).tolist() == pytest.approx([200 - 16, 100 - 16], abs=1e-3)
 
 
 def test_erased_is_uniform_without_the_centre() -> None:
@@ -138,7 +139,7 @@ def test_fewer_points_are_a_part_of_more() -> None:
 def test_open_areas_split_the_truth(kind: str, masks: Path) -> None:
     frame = prepare(sample(), protocol(kind, masks), seed=0)
     full, measured, hidden = frame.areas.values()
-    assert torch.equal(full, sample().valid_mask)
+    assert torch.equal(full, sample().metric_mask)
     assert torch.equal(full, measured | hidden)
     assert not bool((measured & hidden).any())
     assert torch.equal(measured, full & seen(frame))
@@ -146,8 +147,8 @@ def test_open_areas_split_the_truth(kind: str, masks: Path) -> None:
 
 def test_range_and_lines() -> None:
     near = prepare(sample(), Protocol(kind="range", max_range=2.0), seed=0)
-    assert float(near.measurements.sparse_depth.max()) <= 2
-    assert float(near.depth[near.areas["hidden"]].min()) > 2
+    assert float(near.shown.sparse_depth.max()) <= 2
+    assert float(near.metric_depth[near.areas["hidden"]].min()) > 2
     lidar = prepare(sample(), Protocol(kind="lidar", lines=16), seed=0)
     assert int(seen(lidar).any(dim=1).sum()) == 16
 
@@ -157,7 +158,7 @@ def test_half_keeps_one_half(keep: str) -> None:
     frame = prepare(sample(), Protocol(kind="half", keep=keep), seed=0)
     kept, hidden = frame.areas["measured"], frame.areas["hidden"]
     assert int(kept.sum()) == pytest.approx(int(hidden.sum()), rel=0.01)
-    depth = frame.depth
+    depth = frame.metric_depth
     if keep == "near":
         assert float(depth[kept].max()) <= float(depth[hidden].min())
     elif keep == "far":
@@ -169,7 +170,7 @@ def test_half_keeps_one_half(keep: str) -> None:
 
 
 def test_shape_is_a_square_inside_the_image() -> None:
-    whole = replace(sample(), valid_mask=torch.ones(480, 640, dtype=torch.bool))
+    whole = replace(sample(), metric_mask=torch.ones(480, 640, dtype=torch.bool))
     frame = prepare(whole, Protocol(kind="shape"), seed=0)
     rows, columns = (~seen(frame)).nonzero(as_tuple=True)
     assert len(rows) == 150 * 150
@@ -178,10 +179,10 @@ def test_shape_is_a_square_inside_the_image() -> None:
 
 def test_spoilers_say_what_they_made_wrong() -> None:
     assert prepare(sample(), Protocol(kind="dense", noise=0.1), seed=0).wrong is None
-    clean = prepare(room(), Protocol(kind="dense"), seed=0).measurements.sparse_depth
+    clean = prepare(room(), Protocol(kind="dense"), seed=0).shown.sparse_depth
     for options in ({"flying_pixels": 1.0}, {"patches": 5}, {"outliers": 0.1}):
         frame = prepare(room(), Protocol(kind="dense", **options), seed=0)
-        moved = (frame.measurements.sparse_depth - clean).abs() > WRONG_M
+        moved = (frame.shown.sparse_depth - clean).abs() > WRONG_M
         assert frame.wrong is not None
         assert torch.equal(frame.wrong, moved)
         assert bool(moved.any())
@@ -190,7 +191,7 @@ def test_spoilers_say_what_they_made_wrong() -> None:
 def test_flying_pixels_lie_between_both_sides_of_an_edge() -> None:
     frame = prepare(room(), Protocol(kind="dense", flying_pixels=1.0), seed=0)
     assert frame.wrong is not None
-    flying = frame.measurements.sparse_depth[frame.wrong]
+    flying = frame.shown.sparse_depth[frame.wrong]
     assert float(flying.min()) > 1.0
     assert float(flying.max()) < 3.0
     columns = frame.wrong.any(dim=0).nonzero()[:, 0]
@@ -207,15 +208,15 @@ def test_patches_are_connected_regions_of_50_to_2000_px() -> None:
     _, count = ndimage.label(frame.wrong.numpy())
     assert count == 1
     assert 20 < int(frame.wrong.sum()) <= 2100
-    factor = frame.measurements.sparse_depth[frame.wrong] / frame.depth[frame.wrong]
+    factor = frame.shown.sparse_depth[frame.wrong] / frame.metric_depth[frame.wrong]
     assert bool(((factor > 1.25) | (factor < 0.8)).all())
 
 
-def room() -> RgbdSample:
+def room() -> Sample:
     """A wall at 1 m on the left, one at 3 m on the right."""
     depth = torch.full((480, 640), 3.0)
     depth[:, :320] = 1.0
-    return replace(sample(), depth=depth, valid_mask=torch.ones(480, 640, dtype=torch.bool))
+    return replace(sample(), metric_depth=depth, metric_mask=torch.ones(480, 640, dtype=torch.bool))
 
 
 def test_samples_are_those_of_earlier_runs(masks: Path) -> None:
@@ -223,7 +224,7 @@ def test_samples_are_those_of_earlier_runs(masks: Path) -> None:
     digests = {}
     for kind in DIGESTS:
         chosen = protocol(kind, masks, noise=0.1, outliers=0.1)
-        depth = prepare(sample(), chosen, seed=5).measurements.sparse_depth
+        depth = prepare(sample(), chosen, seed=5).shown.sparse_depth
         digests[kind] = hashlib.sha256(depth.contiguous().numpy().tobytes()).hexdigest()[:12]
     assert digests == DIGESTS
 
@@ -240,7 +241,7 @@ def test_region_hides_a_third_of_the_connected_area(real_frames: Path) -> None:
 def test_known_area_is_what_was_measured_or_all_outside_the_centre() -> None:
     erased = prepare(sample(), Protocol(kind="paper-erased"), seed=0)
     assert erased.known_area is not None
-    assert bool(erased.known_area[~erased.areas["408x248"] & (erased.depth > 0)].all())
+    assert bool(erased.known_area[~erased.areas["408x248"] & (erased.metric_depth > 0)].all())
     assert int((~erased.known_area).sum()) == 408 * 248
     for kind in ("range", "objects", "region"):
         frame = prepare(sample(), Protocol(kind=kind), seed=0)
@@ -257,14 +258,14 @@ def test_sensor_holes_are_those_of_a_depth_map(masks: Path) -> None:
         left, right = seen(frame)[:, :320], seen(frame)[:, 320:]
         assert bool(left.any()) != bool(right.any())
         halves.add("left" if left.any() else "right")
-        valid = sample().valid_mask
+        valid = sample().metric_mask
         assert torch.equal(left, valid[:, :320]) or torch.equal(right, valid[:, 320:])
     assert halves == {"left", "right"}
 
 
 def test_sensor_reads_the_layout_of_real_frames(real_frames: Path) -> None:
     frame = prepare(sample(), Protocol(kind="sensor", masks=real_frames), seed=0)
-    assert 0 < int(seen(frame).sum()) < int(sample().valid_mask.sum())
+    assert 0 < int(seen(frame).sum()) < int(sample().metric_mask.sum())
 
 
 def test_noise_and_outliers_leave_the_positions() -> None:
@@ -273,7 +274,7 @@ def test_noise_and_outliers_leave_the_positions() -> None:
     wrong = prepare(sample(), Protocol(kind="paper-uniform", outliers=0.1), seed=0)
     assert torch.equal(seen(clean), seen(noisy))
     assert torch.equal(seen(clean), seen(wrong))
-    changed = clean.measurements.sparse_depth != wrong.measurements.sparse_depth
+    changed = clean.shown.sparse_depth != wrong.shown.sparse_depth
     assert int(changed.sum()) == round(0.1 * 13619)
 
 
@@ -300,10 +301,9 @@ def test_names_tell_protocols_apart() -> None:
 def test_bad_input(tmp_path: Path) -> None:
     with pytest.raises(SizeMismatchError, match=r"608x448 px .* 320x240 px"):
         prepare(sample(size=(240, 320)), Protocol(kind="paper-erased"), seed=0)
+    unmeasured = replace(sample(), frame=sample().frame.keep(torch.zeros(480, 640) > 0))
     with pytest.raises(InputError, match="no sparse depth"):
-        prepare(
-            replace(sample(), sparse_depth=None, sparse_mask=None), Protocol(kind="given"), seed=0
-        )
+        prepare(unmeasured, Protocol(kind="given"), seed=0)
     with pytest.raises(FileFormatError, match="holds no depth maps"):
         prepare(sample(), Protocol(kind="sensor", masks=tmp_path), seed=0)
     with pytest.raises(InputError, match="'random' is not known"):

@@ -18,7 +18,16 @@ from steered_marigold.evaluation.tables import area_table, comparison_table, to_
 from steered_marigold.methods.completer import DepthCompleter
 
 PAPER = Path(__file__).resolve().parents[3] / "shared" / "paper" / "steered_marigold.tex"
-ROW_KEYS = {"method", "protocol", "area", "images", "failed", *METRICS, "seconds_per_image"}
+ROW_KEYS = {
+    "method",
+    "runs_as",
+    "protocol",
+    "area",
+    "images",
+    "failed",
+    *METRICS,
+    "seconds_per_image",
+}
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +98,9 @@ def test_the_verdict_knows_which_way_is_better() -> None:
         ("telea", "abs_rel"): paired(1.0, images=5),
         ("telea", "delta1"): paired(-1.0),
     }
-    assert comparison_table(compared, "full", "steered").notes == (
-        "steered against linear: better in REL; worse in δ1, RMSE; not distinguishable in MAE.",
-        "steered against telea: better in δ1; not distinguishable in REL.",
+    assert comparison_table(compared, "full", "default").notes == (
+        "default against linear: better in REL; worse in δ1, RMSE; not distinguishable in MAE.",
+        "default against telea: better in δ1; not distinguishable in REL.",
     )
 
 
@@ -100,9 +109,10 @@ def test_best_is_bold_and_columns_have_the_papers_order(finished: tuple[Run, Pat
     rows = json.loads((folder / "summary.json").read_text())["rows"]
     hidden = {row["method"]: row for row in rows if row["area"] == "hidden"}
     table = area_table(run.settings, rows, "hidden")
-    assert [title.split()[0] for title in table.header[1:5]] == ["REL", "δ1", "RMSE", "MAE"]
+    assert table.header[:2] == ("method", "runs as")
+    assert [title.split()[0] for title in table.header[2:6]] == ["REL", "δ1", "RMSE", "MAE"]
     for row in table.rows:
-        for key, cell in zip(METRICS, row[1:5], strict=True):
+        for key, cell in zip(METRICS, row[2:6], strict=True):
             values = [hidden[method][key] for method in ("nearest", "linear")]
             best = max(values) if key == "delta1" else min(values)
             assert cell.best == (hidden[row[0].text][key] == best)

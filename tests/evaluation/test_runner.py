@@ -21,6 +21,8 @@ from steered_marigold.evaluation.settings import RunSettings
 from steered_marigold.evaluation.summary import summarize
 from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
+from steered_marigold.methods.steered import SteeredCompleter
+from tests.diffusion.conftest import tiny_pipeline
 
 Factory = Callable[[str], DepthCompleter]
 
@@ -37,9 +39,8 @@ def test_errors_are_those_of_the_method_on_the_frame(tiny: RunSettings, tmp_path
     assert [result.frame_id for result in run.results["linear"]] == list(tiny.frames)
     sample = tiny.open_dataset().load("f2")
     frame = prepare(sample, tiny.protocol, seed=0)
-    sparse = frame.measurements
-    answer = create_method("linear").complete(frame.image, sparse.sparse_depth, sparse.valid_mask)
-    expected = depth_errors(answer.depth[0], sample.depth, ~sparse.valid_mask)
+    answer = create_method("linear").answer(frame.shown)
+    expected = depth_errors(answer.depth[0], sample.metric_depth, ~frame.shown.valid_mask)
     result = run.results["linear"][2]
     assert result.areas["hidden"]["abs_rel"] == expected.abs_rel
     assert result.areas["hidden"]["valid_pixels"] == 32 * 40 - 8 * 40
@@ -113,7 +114,7 @@ def test_seam_and_curves_are_recorded_where_they_exist(
     frame = Evaluator(settings).prepare("f2")
     assert frame.known_area is not None
     answer = Evaluator(settings).complete("nearest", frame)
-    expected = seam_step(answer.depth[0], frame.depth, frame.areas["full"], frame.known_area)
+    expected = seam_step(answer.depth[0], frame.metric_depth, frame.areas["full"], frame.known_area)
     assert run.results["nearest"][2].seam_step == expected
     assert run.results["nearest"][2].curves is None
     curves = run.results["wrapped"][2].curves
@@ -223,28 +224,30 @@ def test_settings_survive_their_file(tiny: RunSettings, tmp_path: Path) -> None:
         RunSettings.load(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("kind", "label", "name"),
-    [
-        ("paper-uniform", "steered:paper", "steered:paper@condition_alignment=minmax"),
-        (
-            "paper-uniform",
-            "steered:paper@steering_strength=0.2",
-            "steered:paper@steering_strength=0.2,condition_alignment=minmax",
-        ),
-        (
-            "paper-uniform",
-            "steered:paper@condition_alignment=least_squares",
-            "steered:paper@condition_alignment=least_squares",
-        ),
-        ("paper-erased", "steered:paper", "steered:paper"),
-        ("paper-uniform", "steered", "steered"),
-    ],
-)
-def test_the_paper_aligns_by_minmax_under_uniform_alone(
-    tiny: RunSettings, kind: str, label: str, name: str
-) -> None:
-    assert replace(tiny, protocol=Protocol(kind=kind)).method_name(label) == name
+def test_each_method_says_what_it_ran_as(tiny: RunSettings, tmp_path: Path) -> None:
+    settings = replace(tiny, methods=("nearest", "paper@num_inference_steps=2"), frames=("f0",))
+    pipeline = tiny_pipeline()
+
+    def create(name: str) -> DepthCompleter:
+        if name == "nearest":
+            return create_method(name)
+        return SteeredCompleter(pipeline, "tiny", preset="paper", num_inference_steps=2)
+
+    run = run_evaluation(settings, tmp_path, create=create)
+    assert not run.failures
+    assert run.described["nearest"] == {"method": "nearest", "steers": False}
+    assert run.described["paper@num_inference_steps=2"] == {
+        "method": "paper",
+        "steers": True,
+        "checkpoint": "tiny",
+        "preset": "paper",
+        "steps": 2,
+        "device": "cpu",
+        "dtype": "float32",
+    }
+    runs_as = {row["method"]: row["runs_as"] for row in figures(run)}
+    assert runs_as == {"nearest": "", "paper@num_inference_steps=2": "steers, float32, cpu"}
+    assert summarize(run)["run"]["methods"] == run.described
 
 
 def test_log_reads_what_it_wrote(tmp_path: Path) -> None:

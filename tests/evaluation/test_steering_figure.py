@@ -30,17 +30,12 @@ def completer() -> SteeredCompleter:
 def test_records_each_step_and_changes_nothing(
     completer: SteeredCompleter, frame: PreparedFrame
 ) -> None:
-    measured = frame.measurements
-    answers = [
-        completer.complete(
-            frame.image,
-            measured.sparse_depth,
-            measured.valid_mask,
-            generator=torch.Generator().manual_seed(5),
-        ).depth
-        for _ in range(2)
-    ]
+    def answer() -> torch.Tensor:
+        return completer.answer(frame.shown, generator=torch.Generator().manual_seed(5)).depth
+
+    answers = [answer()]
     steps = record_steering(completer, frame, generator=torch.Generator().manual_seed(5))
+    answers.append(answer())
     assert torch.equal(*answers)
     assert len(steps) == 3
     assert steps[0].timestep > steps[1].timestep > steps[2].timestep
@@ -60,11 +55,11 @@ def test_nothing_is_recorded_without_steering(
 def test_is_drawn_for_the_first_method_that_steers(
     completer: SteeredCompleter, tiny: RunSettings, tmp_path: Path
 ) -> None:
-    replace(tiny, methods=("linear", "steered:paper")).save(tmp_path)
+    replace(tiny, methods=("linear", "paper")).save(tmp_path)
     paths = draw_figures(
         tmp_path,
         tmp_path / "figures",
-        create=lambda name: completer if name == "steered:paper" else create_method(name),
+        create=lambda name: completer if name == "paper" else create_method(name),
     )
     assert paths[-1].name == "steering.png"
     with Image.open(paths[-1]) as picture:

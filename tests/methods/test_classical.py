@@ -10,11 +10,11 @@ from torch import Tensor
 
 from steered_marigold.errors import NoMeasurementsError
 from steered_marigold.methods.classical import ClassicalCompleter
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.hole_filling import HoleFillingFilter, SpatialFilter
 from steered_marigold.methods.inpainting import ColorizationCompleter, OpenCvInpainter
 from steered_marigold.methods.interpolation import LinearCompleter, NearestCompleter
 from steered_marigold.methods.ip_basic import IpBasicCompleter
-from steered_marigold.methods.completer import DepthCompleter
 
 SHAPE = (17, 23)
 METHODS = [

@@ -12,8 +12,8 @@ from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import InputError, NoMeasurementsError
-from steered_marigold.methods.marigold_dc import MarigoldDCCompleter, guided_denoising
 from steered_marigold.methods.completer import DepthCompleter
+from steered_marigold.methods.marigold_dc import MarigoldDCCompleter, guided_denoising
 
 HEIGHT, WIDTH = 32, 48
 Function = Callable[..., Tensor]

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from steered_marigold.diffusion.settings import PRESETS
 from steered_marigold.errors import CheckpointError, InputError
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.inpainting import OpenCvInpainter
 from steered_marigold.methods.ip_basic import IpBasicCompleter
-from steered_marigold.methods.completer import DepthCompleter
-from steered_marigold.methods.registry import METHODS, create_method
+from steered_marigold.methods.registry import METHODS, create_method, method_label
 from steered_marigold.methods.steered import SteeredCompleter
 
 CLASSICAL = ("nearest", "linear", "ip-basic", "telea", "navier-stokes", "colorization")
@@ -33,10 +34,10 @@ def test_settings_take_the_type_of_the_argument() -> None:
 
 
 def test_flags_are_true_or_false() -> None:
-    steered = create_method("steered@mirror=false,ensemble_size=1")
+    steered = create_method("default@mirror=false,ensemble_size=1")
     assert isinstance(steered, SteeredCompleter)
     with pytest.raises(InputError, match=r"mirror='no' is no bool"):
-        create_method("steered@mirror=no")
+        create_method("default@mirror=no")
 
 
 def test_an_unknown_method_is_refused_with_the_known_ones() -> None:
@@ -84,10 +85,44 @@ def test_importing_the_registry_imports_no_method() -> None:
     assert result.stdout.strip() == "[]", result.stderr
 
 
-@pytest.mark.parametrize("name", ["marigold", "steered", "steered:paper", "marigold-dc"])
+@pytest.mark.parametrize(
+    "name", ["marigold", "default", "fast", "paper", "paper-minmax", "marigold-dc"]
+)
 def test_a_diffusion_method_takes_settings_and_a_checkpoint(name: str, tmp_path: Path) -> None:
     settings = "num_inference_steps, .*ensemble_size, .*processing_resolution"
     with pytest.raises(InputError, match=rf"{name} has no setting 'speed'; it has: .*{settings}"):
         create_method(f"{name}@speed=1")
     with pytest.raises(CheckpointError, match=r"model_index\.json"):
         create_method(f"{name}@num_inference_steps=2", checkpoint=str(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["marigold", "default", "fast", "paper", "paper-minmax"])
+def test_a_preset_has_its_own_name_and_says_if_it_steers(name: str) -> None:
+    assert name in METHODS
+    method = create_method(name, dtype="float32")
+    assert (method.name, method.steers) == (name, name.startswith("paper"))
+    assert method.describe()["steers"] == method.steers
+    assert create_method(f"{name}@steering_strength=0.3", dtype="float32").steers
+
+
+@pytest.mark.parametrize(
+    ("former", "label"),
+    [
+        ("steered", "default"),
+        ("steered:default", "default"),
+        ("steered:fast", "fast"),
+        ("steered:paper", "paper"),
+        ("steered:paper@steering_strength=0.2", "paper@steering_strength=0.2"),
+    ],
+)
+def test_former_names_lead_to_the_new_ones(former: str, label: str) -> None:
+    assert method_label(former) == label
+    assert method_label(label) == label
+    with pytest.raises(InputError, match=rf"^{label.partition('@')[0]} has no setting 'speed'"):
+        create_method(f"{former.partition('@')[0]}@speed=1")
+
+
+def test_the_authors_uniform_run_is_the_papers_but_for_its_alignment() -> None:
+    paper, minmax = PRESETS["paper"].knobs, PRESETS["paper-minmax"].knobs
+    assert minmax == paper | {"condition_alignment": "minmax"}
+    assert paper["condition_alignment"] == "least_squares"

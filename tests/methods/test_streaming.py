@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from steered_marigold.core.interpolation import ScatteredInterpolant
+from steered_marigold.errors import InputError
+from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.steered import SteeredCompleter
 from steered_marigold.methods.streaming import StreamingCompleter
 from tests.diffusion.conftest import tiny_pipeline
@@ -59,6 +61,41 @@ def test_the_first_frame_is_that_of_the_completer() -> None:
     stream = streaming()
     alone = stream.completer.complete(*frame(0), generator=torch.Generator().manual_seed(0))
     assert torch.equal(stream.complete(*frame(0)).depth, alone.depth)
+
+
+def test_a_stream_is_a_completer_with_a_name_and_a_generator() -> None:
+    stream = streaming()
+    assert isinstance(stream, DepthCompleter)
+    assert stream.name == "stream:fast"
+    assert (stream.steers, streaming(steering_strength=0.3).steers) == (False, True)
+    described = stream.describe()
+    assert (described["method"], described["restart"], described["steps"]) == (
+        "stream:fast",
+        0.5,
+        4,
+    )
+    first, other = (torch.Generator().manual_seed(seed) for seed in (0, 1))
+    expected = streaming().complete(*frame(0), generator=first).depth
+    assert not torch.equal(streaming().complete(*frame(0), generator=other).depth, expected)
+    assert torch.equal(stream.complete(*frame(0)).depth, expected)  # seeded where none is given
+
+
+def test_the_noise_is_that_of_the_first_frame() -> None:
+    streams = streaming(), streaming()
+    for stream in streams:
+        stream.complete(*frame(0), generator=torch.Generator().manual_seed(0))
+    answers = [
+        stream.complete(*frame(1), generator=torch.Generator().manual_seed(seed)).depth
+        for seed, stream in enumerate(streams)
+    ]
+    assert torch.equal(*answers)
+
+
+def test_a_single_step_leaves_nothing_of_the_frame_before() -> None:
+    completer = SteeredCompleter(tiny_pipeline(), "tiny", preset="fast")
+    assert completer.num_inference_steps == 1
+    with pytest.raises(InputError, match="at least two steps: `num_inference_steps=2`"):
+        StreamingCompleter(completer)
 
 
 @pytest.mark.parametrize("cut", ["reset", "another size"])

@@ -6,26 +6,39 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
+from torch import Tensor
 
-from steered_marigold.errors import FileFormatError
-from steered_marigold.io.visualization import draw_panels
+from steered_marigold.core.frame import Frame
+from steered_marigold.io.files import write_figure
+from steered_marigold.pictures.panels import frame_panels
 
 HEIGHT, WIDTH = 48, 64
 
 
-def _draw(path: Path, **changes: Any) -> NDArray[Any]:
+def _panels(
+    *,
+    sparse_depth: Tensor | None = None,
+    valid_mask: Tensor | None = None,
+    depth: Tensor | None = None,
+    **rest: Any,
+) -> Figure:
+    """Of a grey image, by default with a ramp as depth, measured in the left half."""
     ramp = torch.linspace(1, 5, WIDTH).repeat(HEIGHT, 1)
     mask = torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
     mask[:, : WIDTH // 2] = True
-    arguments = {
-        "image": torch.full((HEIGHT, WIDTH, 3), 200, dtype=torch.uint8),
-        "sparse_depth": ramp,
-        "valid_mask": mask,
-        "depth": ramp,
-    }
-    draw_panels(path, **(arguments | changes))
+    frame = Frame(
+        image=torch.full((HEIGHT, WIDTH, 3), 200, dtype=torch.uint8),
+        sparse_depth=ramp if sparse_depth is None else sparse_depth,
+        valid_mask=mask if valid_mask is None else valid_mask,
+    )
+    return frame_panels(frame, ramp if depth is None else depth, **rest)
+
+
+def _draw(path: Path, **changes: Any) -> NDArray[Any]:
+    write_figure(path, _panels(**changes))
     return np.asarray(Image.open(path).convert("RGB")).astype(int)
 
 
@@ -80,6 +93,11 @@ def test_the_same_arrays_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_only_png(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match=r"use one of \.png"):
-        _draw(tmp_path / "a.jpg")
+def test_a_picture_is_not_written_by_drawing_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    titles = [axes.get_title() for axes in _panels(uncertainty=torch.rand(HEIGHT, WIDTH)).axes]
+    assert titles[0] == "image"
+    assert {"input, 50.0% measured", "result"} <= set(titles)
+    assert not list(tmp_path.iterdir())

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rooms import materials as made_of
+from rooms.bank import layers, lookup, mean_albedo
 from rooms.camera import Camera, hand_held, intrinsics, look
 from rooms.clutter import floor_thing, small_thing
 from rooms.mesh import box, boxes, can, join, lathe, pillow, rods, sheet
 from rooms.raycast import FAR_M, World
-from rooms.textures import layers, lookup, mean_albedo
 from rooms.themes import THEMES, Make
 
 ANGLES = st.floats(-3.1, 3.1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from training.data import HEIGHT, WIDTH, Frame, augment
+from training.data import HEIGHT, SKY, WIDTH, Frame, augment, in_colours_of, sample_of
 
 BORDER = 8
 
@@ -44,3 +44,41 @@ def test_crops_differ_in_size_and_angle() -> None:
         angles.append(np.degrees(np.arctan2(dy, abs(dx))))
     assert max(spans) / min(spans) > 1.4
     assert 2 < np.std(angles) < 7
+
+
+def test_holes_take_the_nearest_depth_and_are_told() -> None:
+    depth = np.full((HEIGHT, WIDTH), 2000, np.uint16)
+    depth[:, 160:] = 4000
+    depth[:, 40:60] = 0
+    sample = sample_of(Frame(np.zeros((HEIGHT, WIDTH, 3), np.uint8), depth))
+    assert sample is not None
+    assert not sample["known"][0, :, 40:60].any()
+    assert sample["known"].sum() == HEIGHT * (WIDTH - 20)
+    np.testing.assert_allclose(sample["depth"][0, :, :160], -1)
+    np.testing.assert_allclose(sample["range"], [2, 4])
+
+
+def test_the_sky_is_the_far_end_and_not_of_the_range() -> None:
+    depth = np.tile(np.linspace(5000, 30000, HEIGHT), (WIDTH, 1)).T.astype(np.uint16)
+    without = sample_of(Frame(np.zeros((HEIGHT, WIDTH, 3), np.uint8), depth))
+    depth[-60:] = SKY
+    sample = sample_of(Frame(np.zeros((HEIGHT, WIDTH, 3), np.uint8), depth))
+    assert sample is not None
+    assert without is not None
+    assert (sample["depth"][0, -60:] == 1).all()
+    assert sample["known"].all()
+    assert sample["range"][1] < without["range"][1]
+
+
+def test_frames_of_which_little_is_known_are_no_samples() -> None:
+    depth = np.zeros((HEIGHT, WIDTH), np.uint16)
+    depth[:40] = np.linspace(1000, 3000, WIDTH).astype(np.uint16)
+    assert sample_of(Frame(np.zeros((HEIGHT, WIDTH, 3), np.uint8), depth)) is None
+
+
+def test_colours_of_a_photograph() -> None:
+    rng = np.random.default_rng(0)
+    image = rng.integers(90, 160, (HEIGHT, WIDTH, 3), np.uint8)
+    warm = (rng.integers(60, 130, (480, 640, 3)) + np.array([60, 20, 0])).astype(np.uint8)
+    moved = in_colours_of(warm, image)
+    np.testing.assert_allclose(moved.mean(axis=(0, 1)), warm.mean(axis=(0, 1)), atol=4)

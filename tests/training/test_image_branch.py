@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from training import image_branch
 from training.__main__ import app
+from training.mixture import Sources
 
 
 def test_blocks_are_left_out_in_training_alone() -> None:
@@ -31,25 +32,23 @@ def test_what_is_left_out_does_not_change_the_mean() -> None:
     assert kept.min() == 1
 
 
-def test_near_errors_weigh_more() -> None:
-    weight = image_branch.nearness(torch.linspace(-1, 1, 50).view(1, 1, 5, 10))
-    assert weight.mean().item() == pytest.approx(1)
-    assert (weight.flatten().diff() < 0).all()
-
-
 @pytest.mark.parametrize("only", [True, False])
-def test_procedural_only_keeps_nyuv2_out_of_training(
+def test_procedural_only_keeps_photographs_out_of_training(
     only: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class ReadError(Exception):
         pass
 
-    def read(nyuv2: Path | None, rooms: Path | None, **_: Any) -> None:
-        raise ReadError(str(nyuv2), str(rooms))
+    def read(sources: Sources, **_: Any) -> None:
+        raise ReadError(sources)
 
     monkeypatch.setattr(image_branch, "MixedFrames", read)
+    monkeypatch.setattr("training.__main__.held_out", lambda *_: {})
     flag = ["--procedural-only"] if only else []
-    arguments = ["image-branch", "--runs", str(tmp_path), "--rooms", "R", "--nyuv2", "N", *flag]
-    result = CliRunner().invoke(app, arguments)
+    folders = ["--rooms", "R", "--rooms", "S", "--nyuv2", "N", "--rgbd", "D"]
+    result = CliRunner().invoke(app, ["image-branch", "--runs", str(tmp_path), *folders, *flag])
     assert isinstance(result.exception, ReadError)
-    assert result.exception.args == ("None" if only else "N", "R")
+    rooms = [Path("R"), Path("S")]
+    expected = Sources(rooms=rooms) if only else Sources(Path("N"), Path("D"), rooms)
+    assert result.exception.args == (expected,)
+    assert expected.procedural_only == only

@@ -10,6 +10,7 @@ from steered_marigold.diffusion.checkpoints import load_pipeline
 from training import codec, denoiser
 from training.__main__ import _start
 from training.export import procedural_only
+from training.mixture import Sources
 from training.start import CHECKPOINT, load_part
 from training.terms import NOTICE, PROCEDURAL, RESEARCH, is_procedural
 from training.trainer import Trainer
@@ -49,10 +50,11 @@ def test_another_shape_is_told() -> None:
 
 
 def test_terms_of_nyuv2_do_not_come_in_by_default() -> None:
-    assert _start(None, None) is None
-    assert _start(None, Path("nyuv2")) == CHECKPOINT
-    assert _start("scratch", Path("nyuv2")) is None
-    assert _start("folder", None) == Path("folder")
+    rooms, photographs = Sources(rooms=[Path("rooms")]), Sources(rgbd=Path("rgbd"))
+    assert _start(None, rooms) is None
+    assert _start(None, photographs) == CHECKPOINT
+    assert _start("scratch", photographs) is None
+    assert _start("folder", rooms) == Path("folder")
 
 
 def test_the_terms_lie_beside_the_weights() -> None:

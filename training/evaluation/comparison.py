@@ -20,7 +20,7 @@ def steps(subject: Subject) -> Findings:
     labels = {f"marigold@num_inference_steps={n}": n for n in subject.steps}
     scores = score(subject.run("paper-uniform", tuple(labels)), WHOLE)
     rows = [
-        {"steps": n, **_means(scores[label], ("abs_rel", "delta1", "rmse_m"))}
+        {"steps": n, **means(scores[label], ("abs_rel", "delta1", "rmse_m"))}
         for label, n in labels.items()
     ]
     return Findings({f"unsteered, fitted on the 5 % samples, area {WHOLE}": rows})
@@ -33,7 +33,7 @@ def steering(subject: Subject) -> Findings:
     steered = {f"{base},condition_alignment={kind}": kind for kind in ALIGNMENTS}
     scores = score(subject.run("paper-erased", (unsteered, *steered)), ERASED)
     rows = [
-        {"condition_alignment": name, **_means(scores[label], COMPARED)}
+        {"condition_alignment": name, **means(scores[label], COMPARED)}
         for label, name in {unsteered: "unsteered", **steered}.items()
     ]
     reference = scores[unsteered]
@@ -67,7 +67,8 @@ def score(run: RunSettings, area: str) -> dict[str, Scores]:
     return scores
 
 
-def _means(scores: Scores, keys: Sequence[str]) -> Row:
+def means(scores: Scores, keys: Sequence[str]) -> Row:
+    """The mean of each metric over the frames."""
     return mean_row([{key: row[key] for key in keys} for row in scores.values()])
 
 

@@ -11,6 +11,7 @@ from training.evaluation.calibration import calibration
 from training.evaluation.coding import coding
 from training.evaluation.comparison import steering, steps
 from training.evaluation.denoising import denoising
+from training.evaluation.kinds import kinds
 from training.evaluation.report import add_part, check_same_weights, read_figures
 from training.evaluation.sheet import sheet
 from training.evaluation.speed import speed
@@ -24,13 +25,13 @@ PARTS: dict[str, Callable[[Subject], Findings]] = {
     "codec": coding,
     "speed": speed,
     "sheet": sheet,
+    "kinds": kinds,
 }
 
 
-def evaluate(subject: Subject, parts: Sequence[str], split: str) -> None:
+def evaluate(subject: Subject, parts: Sequence[str]) -> None:
     """Measures each part and adds it to the figures in the output folder as soon as it is done.
 
-    split: where the frames are from, for the record.
     Raises InputError for an unknown part, or if the folder holds figures of other weights.
     """
     unknown = set(parts) - set(PARTS)
@@ -40,7 +41,7 @@ def evaluate(subject: Subject, parts: Sequence[str], split: str) -> None:
     identity = {"checkpoint": subject.checkpoint, "weights": subject.weights()}
     check_same_weights(read_figures(subject.output), identity, subject.output)
     conditions = {
-        "split": split,
+        "split": subject.split,
         "frames": len(subject.frames),
         "seed": SEED,
         "threads": torch.get_num_threads(),

@@ -34,19 +34,13 @@ DEPTH_SCALES = {"kitti_vis": 1 / 256}
 
 def sheet(subject: Subject) -> Findings:
     """Sheets of the frames with the centre erased, and of real sensor frames."""
-    methods = {
-        title: create_method(name, checkpoint=subject.checkpoint) for title, name in METHODS.items()
-    }
     chosen = evenly_spaced(subject.frames, FRAMES)
-    pictures = _sheets(
-        [subject.prepared("paper-erased", frame_id) for frame_id in chosen],
-        methods,
-        subject.output / "sheet",
-    )
+    rooms = [subject.prepared("paper-erased", frame_id) for frame_id in chosen]
+    pictures = draw_sheets(rooms, subject, "sheet")
     if subject.real_frames is not None:
         folder = subject.real_frames
         real = [read_real_frame(folder, name) for name in FrameFolder(folder).frame_ids]
-        pictures += _sheets(real, methods, subject.output / "sheet_real")
+        pictures += draw_sheets(real, subject, "sheet_real")
     return Findings({}, tuple(pictures))
 
 
@@ -59,19 +53,20 @@ def read_real_frame(folder: Path, frame_id: str) -> PreparedFrame:
     return prepare(given, Protocol(kind="given"), seed=SEED)
 
 
-def _sheets(
-    frames: list[PreparedFrame], methods: dict[str, DepthCompleter], path: Path
-) -> list[str]:
-    """Writes `path`_1.png, `path`_2.png, ... of up to ROWS frames, and returns their names.
+def draw_sheets(frames: list[PreparedFrame], subject: Subject, title: str) -> list[str]:
+    """Writes `title`_1.png, `title`_2.png, ... of up to ROWS frames, and returns their names.
 
     Frames of very different shapes are not on one sheet.
     """
+    methods = {
+        label: create_method(name, checkpoint=subject.checkpoint) for label, name in METHODS.items()
+    }
     names: list[str] = []
     for _, alike in groupby(sorted(frames, key=elongation), key=elongation):
         group = list(alike)
         for first in range(0, len(group), ROWS):
-            name = f"{path.name}_{len(names) + 1}.png"
-            with atomic_write(path.with_name(name)) as temporary:
+            name = f"{title}_{len(names) + 1}.png"
+            with atomic_write(subject.output / name) as temporary:
                 _draw(group[first : first + ROWS], methods).savefig(temporary, format="png")
             names.append(name)
     return names

@@ -62,7 +62,8 @@ class Subject:
     """checkpoint: see `load_pipeline`. nyuv2: the folder of frames. frames: their ids.
 
     steps: numbers of steps, ascending; the last is that of steering. samples: how many are drawn
-    of each frame. output: the folder of results. real_frames: folders of sensor frames.
+    of each frame. output: the folder of results. real_frames: folders of sensor frames. rgbd: the
+    folder of RGB-D pairs of other sources, of which `split`, at most `limit` of a kind, are taken.
     """
 
     checkpoint: str
@@ -72,6 +73,9 @@ class Subject:
     samples: int
     output: Path
     real_frames: Path | None = None
+    rgbd: Path | None = None
+    split: str = "report"
+    limit: int | None = None
 
     @cached_property
     def pipeline(self) -> SteeredMarigoldPipeline:
@@ -107,12 +111,18 @@ class Subject:
 
     def run(self, kind: str, methods: tuple[str, ...] = ()) -> RunSettings:
         """A run of methods on the frames under a protocol of the paper."""
+        return self.run_on(self.nyuv2, Protocol(kind=kind), methods, self.frames)
+
+    def run_on(
+        self, folder: Path, protocol: Protocol, methods: tuple[str, ...], frames: tuple[str, ...]
+    ) -> RunSettings:
+        """A run of methods on the frames of any folder under any protocol."""
         return RunSettings(
             dataset="folder",
-            path=self.nyuv2,
-            protocol=Protocol(kind=kind),
+            path=folder,
+            protocol=protocol,
             methods=methods,
-            frames=self.frames,
+            frames=frames,
             seed=SEED,
             checkpoint=self.checkpoint,
         )

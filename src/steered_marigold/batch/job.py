@@ -10,7 +10,7 @@ from time import perf_counter
 
 from steered_marigold.core.frame import Frame
 from steered_marigold.errors import InputError, SteeredMarigoldError
-from steered_marigold.frames.complete import Record, complete_frame
+from steered_marigold.frames.complete import Record, complete_frame, require_max_uncertainty
 from steered_marigold.frames.outputs import Outputs, save
 from steered_marigold.frames.sources import FileSource, FrameFiles, read_frame
 from steered_marigold.methods.completer import SEED, DepthCompleter
@@ -27,6 +27,9 @@ class JobSettings:
     no_measurements: bool = False
     max_uncertainty: float | None = None
     output_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        require_max_uncertainty(self.max_uncertainty)
 
 
 @dataclass(frozen=True, kw_only=True)

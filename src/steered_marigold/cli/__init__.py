@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steered_marigold.cli import bag, complete, evaluate, figures
+from steered_marigold.cli import bag, complete, doctor, evaluate, figures, view
+from steered_marigold.cli.app import app as page
 from steered_marigold.cli.messages import name_parameters, say_error
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 
@@ -64,13 +65,15 @@ app = typer.Typer(
     cls=_OneLineErrors,
     help="Dense metric depth from one image plus whatever depth a sensor managed to measure.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.command("complete")(complete.complete)
 app.command("bag")(bag.bag)
+app.command("doctor")(doctor.doctor)
 app.command("evaluate")(evaluate.evaluate)
 app.command("figures")(figures.figures)
+app.command("view")(view.view)
+app.command("app")(page)
 
 
 def _print_version(asked: bool) -> bool:

@@ -1,5 +1,6 @@
 """steered-marigold bag: a recording in, the same recording with dense depth out."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from steered_marigold.cli.progress import progress_bar
 if TYPE_CHECKING:
     from steered_marigold.frames.complete import Record
     from steered_marigold.frames.recordings import Tally
+    from steered_marigold.methods.completer import DepthCompleter
 
 _topics = option_panel("Which topics and frames")
 _write = option_panel("What to write")
@@ -38,6 +40,9 @@ def bag(
     ] = False,
     max_uncertainty: Annotated[
         float | None, _write(help="Write 0 (unknown) where the uncertainty [m] is larger.")
+    ] = None,
+    rerun: Annotated[
+        Path | None, _write(help="A .rrd of images, depth and clouds over time, for Rerun.")
     ] = None,
     overwrite: Annotated[bool, _write("--overwrite", help="Replace what is there.")] = False,
     image_topic: Annotated[str | None, _topics(help="Of colour.", show_default="found")] = None,
@@ -70,6 +75,7 @@ def bag(
     docs/recordings.md.
     """
     from steered_marigold.frames.recordings import complete_recording, save_recording
+    from steered_marigold.frames.viewing import ViewedCompleter, rerun_log
     from steered_marigold.io.bags import open_recording
     from steered_marigold.methods.steered import SteeredCompleter
     from steered_marigold.methods.streaming import StreamingCompleter
@@ -80,13 +86,18 @@ def bag(
         "device": device,
         "dtype": None if dtype is None else dtype.value,
     }
-    with open_recording(
-        recording, image_topic=image_topic, depth_topic=depth_topic, info_topic=info_topic
-    ) as opened:
+    with ExitStack() as stack:
+        opened = stack.enter_context(
+            open_recording(
+                recording, image_topic=image_topic, depth_topic=depth_topic, info_topic=info_topic
+            )
+        )
         say(f"image {opened.image_topic}, depth {opened.depth_topic}")
         frames = opened.frames(slop=slop, every=every, start=start, duration=duration)
         method = StreamingCompleter if stream else SteeredCompleter
-        completer = method.from_checkpoint(**model)
+        completer: DepthCompleter = method.from_checkpoint(**model)
+        if rerun is not None:
+            completer = ViewedCompleter(completer, stack.enter_context(rerun_log(rerun)))
         how: dict[str, Any] = {"seed": seed, "max_uncertainty": max_uncertainty}
         total = -(-opened.depth_count // every) if duration is None else None
         with progress_bar("completing", total) as bar:

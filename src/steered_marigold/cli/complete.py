@@ -112,6 +112,16 @@ def complete(
         str | None,
         _read(help="K of the image: fx,fy,cx,cy in pixels, or a file (docs/your-data.md)."),
     ] = None,
+    depth_intrinsics: Annotated[
+        str | None, _read(help="K of DEPTH where another camera measured it; with --extrinsics.")
+    ] = None,
+    extrinsics: Annotated[
+        str | None,
+        _read(help="From that camera's frame to the image's: x,y,z [m], or a file of a 4x4."),
+    ] = None,
+    undistort: Annotated[
+        bool, _read("--undistort", help="Take the distortion in --intrinsics out of both.")
+    ] = False,
     confidence: Annotated[
         Path | None,
         _read(help="Weights of the measurements: .png (white = 1) or .npy in 0..1, or a folder."),
@@ -208,6 +218,7 @@ def complete(
     from steered_marigold.diffusion.settings import KNOBS
     from steered_marigold.frames.outputs import Outputs
     from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
+    from steered_marigold.io.extrinsics import read_extrinsics
     from steered_marigold.io.files import require_writable
     from steered_marigold.io.intrinsics import read_intrinsics
     from steered_marigold.methods.settings_text import read_settings
@@ -233,6 +244,9 @@ def complete(
         baseline=baseline,
         registered=depth_grid is DepthGrid.REGISTERED,
         intrinsics=None if intrinsics is None else read_intrinsics(intrinsics),
+        depth_intrinsics=None if depth_intrinsics is None else read_intrinsics(depth_intrinsics),
+        extrinsics=None if extrinsics is None else read_extrinsics(extrinsics),
+        undistort=undistort,
         no_measurements=no_measurements,
         slop=slop,
         associations=associations,

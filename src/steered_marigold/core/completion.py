@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class DepthCompletion:
     """Dense depth for a batch of images, at the size of the sparse depth that was given.
 
@@ -23,6 +23,8 @@ class DepthCompletion:
     measured: True where a measurement was given.
     trusted: True where a measurement was given and believed.
     floored: True where depth was raised to the method's positive minimum.
+    beyond_range: True where depth is more than twice as far as the farthest, or less than half as
+        far as the nearest, trusted measurement; None for methods that do not say.
     exact_codec_steps, linear_codec_steps: steps of steering that went through the VAE, and through
         a linear map in its place.
     latents: clean depth latents of every member, where they were asked for.
@@ -38,10 +40,25 @@ class DepthCompletion:
     shift: Float[Tensor, " batch"] | None = None
     slope_rejected: Bool[Tensor, " batch"] | None = None
     floored: Bool[Tensor, "batch height width"] | None = None
+    beyond_range: Bool[Tensor, "batch height width"] | None = None
     exact_codec_steps: int = 0
     linear_codec_steps: int = 0
     latents: Float[Tensor, "members channels h w"] | None = None
     metric: bool = True
+
+    def __repr__(self) -> str:
+        """Sizes and shares; the tensors would fill screens."""
+        images, height, width = self.depth.shape
+        parts = [f"{images} x {width}x{height} px"]
+        known = self.depth[self.depth > 0]
+        if self.metric and known.numel():
+            parts.append(f"{float(known.min()):.2f} to {float(known.max()):.2f} m")
+        if not self.metric:
+            parts.append("relative depth")
+        parts.append(f"{float(self.measured.float().mean()):.1%} measured")
+        if self.uncertainty is not None:
+            parts.append(f"median uncertainty {float(self.uncertainty.median()):.3g} m")
+        return f"DepthCompletion({', '.join(parts)})"
 
 
 def join_completions(parts: Sequence[DepthCompletion]) -> DepthCompletion:

@@ -10,9 +10,11 @@ from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.colours import to_8_bits
 from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.geometry import crop_intrinsics
-from steered_marigold.core.notices import Notices
+from steered_marigold.core.notices import Notice, Notices
+from steered_marigold.core.plausibility import plausible_measurements
 from steered_marigold.errors import InputError, SizeMismatchError
 
 # modes of PIL images whose numbers are not red, green and blue, nor grey
@@ -74,6 +76,21 @@ class Frame:
             K=K,
         )
 
+    def plausible(self) -> "Frame":
+        """Without measurements that can be no depths of one scene, which are counted and said."""
+        found = plausible_measurements(self.sparse_depth, self.valid_mask)
+        counts = {"repeated": found.repeated, "absurd": found.absurd}
+        notices = self.notices
+        if found.repeated:
+            values = " and ".join(f"{value:.4g} m" for value in found.fills)
+            text = f"{found.repeated} measurements of {values} are a fill, not depth: left out"
+            notices += (Notice("fill", text),)
+        if found.absurd:
+            text = f"{found.absurd} measurements are far outside of what all others span: left out"
+            notices += (Notice("absurd", text),)
+        kept = self.keep(found.mask)
+        return replace(kept, missing={**self.missing, **counts}, notices=notices)
+
 
 def make_frame(
     image: Any,
@@ -93,7 +110,7 @@ def make_frame(
 
     Raises InputError or SizeMismatchError, naming the argument, for what is none of these.
     """
-    pixels = rgb_bytes(image)
+    pixels, notices = rgb_bytes(image)
     height, width = pixels.shape[:2]
     if sparse_depth is None:
         depth, valid = torch.zeros(height, width), torch.zeros(height, width, dtype=torch.bool)
@@ -106,7 +123,7 @@ def make_frame(
                 f"`{name}` is {list(values.shape)} but the image {[height, width]} "
                 "(height, width); they must agree"
             )
-    return Frame(
+    frame = Frame(
         image=pixels,
         sparse_depth=depth,
         valid_mask=valid,
@@ -114,12 +131,16 @@ def make_frame(
         K=None if K is None else check_intrinsics(K),
         id=id,
         stamp=stamp,
-        notices=scale_doubts(depth, valid),
-    )
+        notices=notices,
+    ).plausible()
+    doubts = scale_doubts(frame.sparse_depth, frame.valid_mask)
+    return replace(frame, notices=frame.notices + doubts)
 
 
-def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
-    """RGB in 0..255 from what `make_frame` takes as an image; alpha is dropped.
+def rgb_bytes(image: Any) -> tuple[UInt8[Tensor, "height width 3"], Notices]:
+    """RGB in 0..255 from what `make_frame` takes as an image, and what was stretched for it.
+
+    Alpha is dropped.
 
     Raises InputError, with what to do, for another shape, type or range.
     """
@@ -140,12 +161,12 @@ def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
                 "floats must lie in 0..1, or give uint8"
             )
         values = np.rint(values * 255).astype(np.uint8)
-    elif values.dtype == np.uint16:
-        values = (values >> 8).astype(np.uint8)
-    elif values.dtype != np.uint8:
+    elif values.dtype not in (np.uint8, np.uint16):
         raise InputError(f"`image` must be uint8, uint16 or floats in 0..1, not {values.dtype}")
-    colours = values[..., :3] if values.shape[2] >= 3 else values.repeat(3, axis=2)
-    return torch.from_numpy(np.array(colours))
+    values, notices = to_8_bits(values[..., 0] if values.shape[2] == 1 else values[..., :3])
+    if values.ndim == 2:
+        values = values[..., None].repeat(3, axis=2)
+    return torch.from_numpy(np.array(values)), notices
 
 
 def check_intrinsics(K: Any) -> Float[Tensor, "3 3"]:

@@ -1,4 +1,4 @@
-"""Linear interpolation of scattered values (the paper's phi), triangulated once."""
+"""Scattered values to maps: linearly (the paper's phi), triangulated once, or by push-pull."""
 
 from copy import copy
 from functools import lru_cache
@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float, Int
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from torch import Tensor
@@ -13,6 +14,8 @@ from torch import Tensor
 from steered_marigold.errors import NoMeasurementsError
 
 Array = npt.NDArray[np.float64]
+# least denominator of a mean; what it divides is 0 too
+TINY = 1e-12
 
 
 class ScatteredInterpolant:
@@ -71,6 +74,27 @@ def remembered_interpolant(
 def _remembered(points: bytes, shape: tuple[int, int]) -> ScatteredInterpolant:
     pairs = np.frombuffer(points, np.int64).reshape(-1, 2).copy()
     return ScatteredInterpolant(torch.from_numpy(pairs), shape)
+
+
+def push_pull(
+    values: Float[Tensor, "height width"], weight: Float[Tensor, "height width"]
+) -> Float[Tensor, "height width"]:
+    """Fills in the values where the weight, in [0, 1], is less than 1: the wider a gap, the
+    smoother.
+
+    values: as weighted, so 0 where the weight is 0. A pyramid of weighted means is built, and its
+    levels are blended from the coarsest on (Gortler et al., "The Lumigraph", SIGGRAPH 1996,
+    section 3.4). A hundredth of a triangulation's time; without any weight the result is 0.
+    """
+    height, width = values.shape
+    if max(height, width) == 1:
+        return values / weight.clamp(min=TINY)
+    pair = F.pad(torch.stack((values, weight)), (0, width % 2, 0, height % 2))
+    sums = F.avg_pool2d(pair[None], 2, divisor_override=1)[0]
+    coarse_weight = sums[1].clamp(max=1)
+    coarse = push_pull(sums[0] * (coarse_weight / sums[1].clamp(min=TINY)), coarse_weight)
+    fine = F.interpolate(coarse[None, None], size=pair.shape[1:], mode="bilinear")
+    return values + (1 - weight) * fine[0, 0, :height, :width]
 
 
 def _barycentric(

@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.frame import make_frame
+from steered_marigold.datasets.dataset import check_sizes
 from steered_marigold.datasets.sample import Sample
 from steered_marigold.errors import FileFormatError, MissingExtraError
 from steered_marigold.io.files import decoding, require_file
@@ -45,7 +46,9 @@ def sample_from_arrays(
 
     Raises SizeMismatchError, naming `where`, if they differ in size.
     """
-    truth = make_frame(np.ascontiguousarray(image), depth, K=K, id=frame_id)
+    pixels, metres = (torch.from_numpy(np.ascontiguousarray(x)) for x in (image, depth))
+    check_sizes(where, pixels, metres)
+    truth = make_frame(pixels, metres, K=K, id=frame_id)
     nothing = torch.zeros_like(truth.valid_mask)
     return Sample(
         frame=truth.keep(nothing), metric_depth=truth.sparse_depth, metric_mask=truth.valid_mask

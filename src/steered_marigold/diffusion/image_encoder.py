@@ -159,7 +159,7 @@ class ImageEncoder(ModelMixin, ConfigMixin):  # type: ignore[misc]
         for lateral, block, level in reversed(
             list(zip(self.laterals, self.blocks, coarse, strict=True))
         ):
-            if y.shape[-1] > 1:
+            if level is not coarse[-1]:
                 y = F.interpolate(y, scale_factor=2.0, mode="bilinear")
             y = lateral(level) + y
             if level is coarse[0]:

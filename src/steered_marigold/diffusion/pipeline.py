@@ -1,9 +1,7 @@
 """`SteeredMarigoldPipeline`: Marigold, steered by measured depth."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import diffusers
@@ -23,26 +21,19 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.finishing import finish, without_measurements
 from steered_marigold.core.steering import ConditionAlignment
 from steered_marigold.diffusion.codec import DepthCodec
-from steered_marigold.diffusion.continuation import tell
-from steered_marigold.diffusion.denoising import (
-    StepEnd,
-    denoise,
-    last_timesteps,
-    require_clean_estimate,
-)
-from steered_marigold.diffusion.grid import Views, stack_confidence, stack_measured
+from steered_marigold.diffusion.denoising import last_timesteps
+from steered_marigold.diffusion.grid import Views
 from steered_marigold.diffusion.image_encoder import ImageEncoder
 from steered_marigold.diffusion.linear_codec import LinearCodec
-from steered_marigold.diffusion.randomness import Generators, draw_noise, generators_of_members
+from steered_marigold.diffusion.randomness import Generators
 from steered_marigold.diffusion.request import (
     CALLBACK_TENSORS,
     CallbackOnStepEnd,
     Request,
-    require_callback_inputs,
+    check_call,
     require_output_type,
-    require_shape,
-    require_steps,
 )
+from steered_marigold.diffusion.sampling import Sample, sample_latents
 from steered_marigold.diffusion.settings import (
     KNOBS,
     Preset,
@@ -51,14 +42,6 @@ from steered_marigold.diffusion.settings import (
     get_preset,
 )
 from steered_marigold.errors import InputError
-
-
-@dataclass(frozen=True)
-class Sample:
-    """What one pass gave for every answer: clean depth latents, and depth on the grid, -1 to 1."""
-
-    clean: Float[Tensor, "answers channels h w"]
-    decoded: Float[Tensor, "answers height width"]
 
 
 class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
@@ -70,8 +53,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
     `steering_codec="tiny"`. The configuration `continues_known` says that the U-Net was trained on
     latents of which a part is clean.
 
-    A call has three acts: it reads the images (`view`, `read`), samples depth latents, and makes
-    metric depth of them.
+    A call is checked (`check_call`), then has three acts: it reads the images (`read`), samples
+    depth latents (`sample_latents`), and makes metric depth of them (`_answer`).
     """
 
     model_cpu_offload_seq = "text_encoder->image_encoder->unet->steering_vae->vae"
@@ -167,7 +150,8 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         """
         knobs = {name: value for name, value in locals().items() if name in KNOBS}
         require_output_type(output_type)
-        request = self._check(
+        request = check_call(
+            self,
             get_preset(preset).override(**knobs),
             image,
             (sparse_depth, valid_mask, confidence),
@@ -179,22 +163,23 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
             callback=callback_on_step_end,
             callback_inputs=callback_on_step_end_tensor_inputs,
         )
-        samples = self._sample(request, self.read(request.views))
+        samples = sample_latents(self, request, self.read(request.views))
         answer = self._answer(request, samples, image)
         if output_latents:
             answer = replace(answer, latents=samples[-1].clean)
         self.maybe_free_model_hooks()
         return _output(answer, output_type, return_dict)
 
-    # act one: read
-
     def view(self, image: Any, knobs: SamplingKnobs) -> Views:
-        """The images on the processing grid; no network runs."""
-        resolution = self._resolution(knobs)
-        # in float32: antialiased resizing knows no half precision on CPUs
-        pixels, padding, size = self.image_processor.preprocess(
-            image, resolution, "bilinear", self._execution_device, torch.float32
-        )
+        """The images on the processing grid; no network runs. InputError for too thin ones."""
+        resolution = self.resolution(knobs)
+        try:
+            # in float32: antialiased resizing knows no half precision on CPUs
+            pixels, padding, size = self.image_processor.preprocess(
+                image, resolution, "bilinear", self._execution_device, torch.float32
+            )
+        except ValueError as error:
+            raise InputError(f"`image` cannot be brought to {resolution} px: {error}") from error
         mirrored = knobs.mirror and knobs.ensemble_size % 2 == 0
         if mirrored:
             inner = self.image_processor.unpad_image(pixels, padding).flip(-1)
@@ -209,140 +194,12 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         latents: Tensor = encode(views.pixels.to(self.dtype))
         return latents.repeat_interleave(views.members, dim=0)
 
-    def _check(
-        self,
-        settings: Preset,
-        image: Any,
-        maps: tuple[Any, Any, Any],
-        *,
-        callback_inputs: Sequence[str],
-        latents: Tensor | None,
-        previous_latents: Tensor | None,
-        share: float,
-        **rest: Any,
-    ) -> Request:
-        """The call as a request. maps: sparse depth, valid mask and confidence, as given."""
-        knobs = settings.sampling
-        steps = knobs.num_inference_steps
-        steps = self.default_denoising_steps if steps is None else steps
-        scheduler = self._local_scheduler(settings.scheduler)
-        require_clean_estimate(scheduler)
-        require_steps(steps, scheduler)
-        self.schedule(settings, steps, share)
-        require_callback_inputs(callback_inputs)
-        codec = self._steering_codec(settings.steering.steering_codec)
-        images = self._count_images(image, knobs)
-        generator = rest["generator"]
-        if isinstance(generator, list) and len(generator) != images:
-            raise InputError(
-                f"`generator` is a list of {len(generator)} for {images} images: give one an image"
-            )
-        views = self.view(image, knobs)
-        grid = [side // self.vae_scale_factor for side in views.pixels.shape[-2:]]
-        shape = (views.answers, self.vae.config.latent_channels, *grid)
-        require_shape(shape, latents=latents, previous_latents=previous_latents)
-        depth, mask, confidence = maps
-        measured = None if depth is None else stack_measured(depth, mask, images, views.size)
-        return Request(
-            settings=settings,
-            steps=steps,
-            share=share,
-            views=views,
-            measured=measured,
-            confidence=None
-            if confidence is None
-            else stack_confidence(confidence, images, views.size),
-            steering_codec=codec,
-            latents=latents,
-            previous_latents=previous_latents,
-            callback_inputs=callback_inputs,
-            **rest,
-        )
-
-    def _count_images(self, image: Any, knobs: SamplingKnobs) -> int:
-        """How many there are, after stock Marigold's checks, as errors of this package."""
-        members = 1 if knobs.ensemble_size == 2 else knobs.ensemble_size  # stock warns of a pair
-        try:
-            images: int = self.check_inputs(
-                image, 1, members, self._resolution(knobs), "bilinear", "bilinear", 1,
-                None, None, None, "pt", False,
-            )  # fmt: skip
-        except ValueError as error:
-            raise InputError(str(error)) from error
-        return images
-
-    def _resolution(self, knobs: SamplingKnobs) -> int:
-        """Of the processing grid, with what the knobs leave to the checkpoint."""
+    def resolution(self, knobs: SamplingKnobs) -> int:
+        """Longer side of the processing grid [px], with what the knobs leave to the checkpoint."""
         resolution = knobs.processing_resolution
         if resolution is None or (resolution == 0 and self.image_encoder is not None):
             return int(self.default_processing_resolution)
         return resolution
-
-    def _steering_codec(self, kind: SteeringCodec) -> DepthCodec | LinearCodec:
-        if kind != "tiny":
-            exact = DepthCodec(self.vae)
-            return LinearCodec(exact) if kind == "linear" else exact
-        if self.steering_vae is None:
-            raise InputError("`steering_codec='tiny'` needs a checkpoint with a steering_vae")
-        return DepthCodec(self.steering_vae)
-
-    # act two: sample
-
-    def _sample(self, request: Request, image_latents: Tensor) -> list[Sample]:
-        """Depth latents by denoising; once more, told the first answer, where that is asked for."""
-        views, settings, codec = request.views, request.settings, DepthCodec(self.vae)
-        noise = generators_of_members(
-            request.generator, views.images, settings.sampling.ensemble_size
-        )
-        scheduler, timesteps = self.schedule(settings, request.steps, request.share)
-        latents = self._first_latents(request, image_latents, noise, scheduler, timesteps)
-        continues = settings.sampling.continuation and self.config.continues_known
-        known = request.measured if continues else None
-        calls = len(timesteps) * (1 if known is None else 2)
-        with self._step_end(request, calls) as step_end:
-            run = partial(
-                denoise,
-                self.predictor(image_latents, settings.prompt_tokens),
-                generator=noise,
-                step_end=step_end,
-            )
-            clean = run(
-                scheduler,
-                timesteps,
-                request.steering_codec,
-                latents,
-                steering=request.steering(self._execution_device),
-                steering_strength=settings.steering.steering_strength,
-            )
-            samples = [Sample(clean, codec.decode(clean))]
-            if known is not None:
-                told = tell(views, known, samples[0].decoded, codec)
-                again = self.schedule(settings, request.steps, request.share)
-                clean = run(*again, codec, latents, told=told)
-                samples.append(Sample(clean, codec.decode(clean)))
-        return samples
-
-    def _first_latents(
-        self,
-        request: Request,
-        image_latents: Tensor,
-        noise: Generators,
-        scheduler: Any,
-        timesteps: Tensor,
-    ) -> Tensor:
-        """Where denoising begins: noise, or the previous latents with as much of it as is left."""
-        device = self._execution_device
-        latents = request.latents
-        if latents is None:
-            channels = self.vae.config.latent_channels
-            shape = (request.views.answers, channels, *image_latents.shape[-2:])
-            latents = draw_noise(shape, noise, device=device, dtype=self.dtype)
-        latents = latents.to(device, self.dtype)
-        if request.previous_latents is None:
-            return latents
-        previous = request.previous_latents.to(device, self.dtype)
-        noisy: Tensor = scheduler.add_noise(previous, latents, timesteps[:1])
-        return noisy
 
     def predictor(
         self, image_latents: Tensor, prompt_tokens: int | None = None
@@ -381,38 +238,19 @@ class SteeredMarigoldPipeline(MarigoldDepthPipeline):  # type: ignore[misc]
         It is a local one if the preset asks for other settings. Raises InputError for steps that
         it cannot take.
         """
-        scheduler = self._local_scheduler(settings.scheduler)
+        scheduler = self.local_scheduler(settings.scheduler)
         try:
             scheduler.set_timesteps(steps, device=self._execution_device)
         except ValueError as error:
             raise InputError(f"`num_inference_steps` is {steps}: {error}") from error
         return scheduler, last_timesteps(scheduler, share)
 
-    def _local_scheduler(self, asked: tuple[str | None, Mapping[str, Any]] | None) -> Any:
+    def local_scheduler(self, asked: tuple[str | None, Mapping[str, Any]] | None) -> Any:
         if asked is None:
             return self.scheduler
         name, changes = asked
         kind = type(self.scheduler) if name is None else getattr(diffusers, name)
         return kind.from_config(self.scheduler.config, **changes)
-
-    @contextmanager
-    def _step_end(self, request: Request, calls: int) -> Iterator[StepEnd]:
-        """What happens after each of so many steps: progress, and the caller's callback."""
-        with self.progress_bar(total=calls) as progress:
-
-            def step_end(i: int, t: Tensor, tensors: dict[str, Tensor | None]) -> Tensor:
-                progress.update()
-                latents = tensors["latents"]
-                if request.callback is not None:
-                    shown = {name: tensors[name] for name in request.callback_inputs}
-                    changed = request.callback(self, i, t, shown)
-                    latents = (changed or {}).get("latents", latents)
-                assert latents is not None
-                return latents
-
-            yield step_end
-
-    # act three: answer
 
     def _answer(self, request: Request, samples: Sequence[Sample], image: Any) -> DepthCompletion:
         """The members of every pass, as one metric depth map for each image."""

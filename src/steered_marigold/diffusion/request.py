@@ -2,18 +2,22 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
 from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.steering import Steering
 from steered_marigold.diffusion.codec import DepthCodec
-from steered_marigold.diffusion.grid import Measured, Views
+from steered_marigold.diffusion.denoising import require_clean_estimate
+from steered_marigold.diffusion.grid import Measured, Views, stack_confidence, stack_measured
 from steered_marigold.diffusion.linear_codec import LinearCodec
 from steered_marigold.diffusion.randomness import Generators, fork_generators
-from steered_marigold.diffusion.settings import Preset
+from steered_marigold.diffusion.settings import Preset, SamplingKnobs, SteeringCodec
 from steered_marigold.errors import InputError
+
+if TYPE_CHECKING:
+    from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 
 CallbackOnStepEnd = Callable[[Any, int, Tensor, dict[str, Any]], dict[str, Any]]
 CALLBACK_TENSORS = ("latents", "predicted_x0", "steering_target")
@@ -37,6 +41,7 @@ class Request:
     sensor_noise: SensorNoise
     steering_codec: DepthCodec | LinearCodec
     generator: Generators
+    latents_shape: tuple[int, ...]
     latents: Tensor | None
     previous_latents: Tensor | None
     callback: CallbackOnStepEnd | None
@@ -65,13 +70,88 @@ class Request:
         )
 
 
+def check_call(
+    pipe: "SteeredMarigoldPipeline",
+    settings: Preset,
+    image: Any,
+    maps: tuple[Any, Any, Any],
+    *,
+    latents: Tensor | None,
+    previous_latents: Tensor | None,
+    share: float,
+    generator: Generators,
+    **rest: Any,
+) -> Request:
+    """The call as a request. maps: sparse depth, valid mask and confidence, as given.
+
+    Raises InputError, SizeMismatchError or NoMeasurementsError; no network runs.
+    """
+    knobs = settings.sampling
+    steps = knobs.num_inference_steps
+    steps = pipe.default_denoising_steps if steps is None else steps
+    scheduler = pipe.local_scheduler(settings.scheduler)
+    require_clean_estimate(scheduler)
+    _require_steps(steps, scheduler)
+    pipe.schedule(settings, steps, share)
+    _require_callback_inputs(rest["callback_inputs"])
+    codec = _steering_codec(pipe, settings.steering.steering_codec)
+    images = _count_images(pipe, image, knobs)
+    if isinstance(generator, list) and len(generator) != images:
+        raise InputError(
+            f"`generator` is a list of {len(generator)} for {images} images: give one an image"
+        )
+    views = pipe.view(image, knobs)
+    grid = [side // pipe.vae_scale_factor for side in views.pixels.shape[-2:]]
+    shape = (views.answers, pipe.vae.config.latent_channels, *grid)
+    _require_shape(shape, latents=latents, previous_latents=previous_latents)
+    depth, mask, weights = maps
+    return Request(
+        settings=settings,
+        steps=steps,
+        share=share,
+        views=views,
+        measured=None if depth is None else stack_measured(depth, mask, images, views.size),
+        confidence=None if weights is None else stack_confidence(weights, images, views.size),
+        steering_codec=codec,
+        generator=generator,
+        latents_shape=shape,
+        latents=latents,
+        previous_latents=previous_latents,
+        **rest,
+    )
+
+
 def require_output_type(output_type: str) -> None:
     """InputError for a form of the answer that there is not."""
     if output_type not in OUTPUT_TYPES:
         raise InputError(f"`output_type` is {output_type!r}: choose 'pt' or 'np'")
 
 
-def require_callback_inputs(names: Sequence[str]) -> None:
+def _count_images(pipe: "SteeredMarigoldPipeline", image: Any, knobs: SamplingKnobs) -> int:
+    """How many there are, after stock Marigold's checks, as errors of this package."""
+    members = 1 if knobs.ensemble_size == 2 else knobs.ensemble_size  # stock warns of a pair
+    try:
+        images: int = pipe.check_inputs(
+            image, 1, members, pipe.resolution(knobs), "bilinear", "bilinear", 1,
+            None, None, None, "pt", False,
+        )  # fmt: skip
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    return images
+
+
+def _steering_codec(
+    pipe: "SteeredMarigoldPipeline", kind: SteeringCodec
+) -> DepthCodec | LinearCodec:
+    if kind != "tiny":
+        exact = DepthCodec(pipe.vae)
+        return LinearCodec(exact) if kind == "linear" else exact
+    if pipe.steering_vae is None:
+        raise InputError("`steering_codec='tiny'` needs a checkpoint with a steering_vae")
+    return DepthCodec(pipe.steering_vae)
+
+
+def _require_callback_inputs(names: Sequence[str]) -> None:
     """InputError for tensors that a callback cannot have."""
     unknown = sorted(set(names) - set(CALLBACK_TENSORS))
     if unknown:
@@ -81,14 +161,14 @@ def require_callback_inputs(names: Sequence[str]) -> None:
         )
 
 
-def require_steps(steps: int, scheduler: Any) -> None:
+def _require_steps(steps: int, scheduler: Any) -> None:
     """InputError for a number of steps that the scheduler's schedule does not have."""
     most = int(scheduler.config.num_train_timesteps)
     if not 1 <= steps <= most:
         raise InputError(f"`num_inference_steps` is {steps}: choose 1 to {most}")
 
 
-def require_shape(shape: tuple[int, ...], **tensors: Tensor | None) -> None:
+def _require_shape(shape: tuple[int, ...], **tensors: Tensor | None) -> None:
     """InputError for a tensor that is given and has another shape."""
     for name, tensor in tensors.items():
         if tensor is not None and tuple(tensor.shape) != shape:

@@ -24,6 +24,7 @@ from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
 from steered_marigold.io.files import atomic_write
+from steered_marigold.methods.registry import steers
 from steered_marigold.pictures.colours import robust_range
 from steered_marigold.pictures.grids import panels, show, show_depth
 
@@ -133,11 +134,11 @@ def _steering_figure(
 ) -> Figure | None:
     """For the first method that steers; None if there is none."""
     for label in labels:
-        completer: Any = evaluator.method(label)
-        if completer.steers:
+        if steers(label):
             # brings diffusers along, which the other figures do not need
             from steered_marigold.evaluation.steering_figure import record_steering, steering_figure
 
+            completer: Any = evaluator.method(label)
             generator = frame_generator(evaluator.settings.seed, frame.shown.id, "method")
             return steering_figure(frame, record_steering(completer, frame, generator=generator))
     return None

@@ -13,6 +13,10 @@ from steered_marigold.core.notices import Notice
 from steered_marigold.errors import InputError
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
+# shares of all pixels, and of the measurements, from which a person is told
+NOTEWORTHY = 0.01
+CONTRADICTORY = 0.1
+
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
@@ -48,6 +52,7 @@ def complete_frame(
 
     Raises InputError where these cannot be had, NoMeasurementsError where nothing was measured.
     """
+    require_max_uncertainty(max_uncertainty)
     if max_uncertainty is not None and not frame.measured:
         raise InputError(
             "without measurements the depth is relative: there are no metres for `max_uncertainty`"
@@ -81,10 +86,19 @@ def complete_frame(
         "trusted": int(completion.trusted.sum()),
         "untrusted": int((completion.measured & ~completion.trusted).sum()),
         "floored": 0 if completion.floored is None else int(completion.floored.sum()),
+        "beyond_range": 0
+        if completion.beyond_range is None
+        else int(completion.beyond_range.sum()),
         "too_uncertain": int(too_uncertain.sum()),
         "treated_as_missing": dict(frame.missing) or None,
     }
     return completion, Record(values=values, notices=(*frame.notices, *_doubts(completion)))
+
+
+def require_max_uncertainty(max_uncertainty: float | None) -> None:
+    """InputError for a bound [m] that is no positive number."""
+    if max_uncertainty is not None and not 0 < max_uncertainty < float("inf"):
+        raise InputError(f"`max_uncertainty` must be a positive number, not {max_uncertainty}")
 
 
 def require_uncertainty(completion: DepthCompletion) -> torch.Tensor:
@@ -96,12 +110,28 @@ def require_uncertainty(completion: DepthCompletion) -> torch.Tensor:
 
 def _doubts(completion: DepthCompletion) -> list[Notice]:
     """What the answer itself says against it."""
+    doubts = []
     if completion.slope_rejected is not None and completion.slope_rejected.any():
         text = (
             "the measurements contradict the depth seen in the image; the scale is a ratio of means"
         )
-        return [Notice("slope_rejected", text)]
-    return []
+        doubts.append(Notice("slope_rejected", text))
+    for kind, mask, what in (
+        ("floored", completion.floored, "was raised to the least depth that is believed"),
+        ("beyond_range", completion.beyond_range, "lies far outside of what was measured"),
+    ):
+        share = 0.0 if mask is None else float(mask.float().mean())
+        if share > NOTEWORTHY:
+            text = (
+                f"{share:.0%} of the depth {what}; its uncertainty says how little is known there"
+            )
+            doubts.append(Notice(kind, text))
+    untrusted = completion.measured & ~completion.trusted
+    share = float(untrusted.sum()) / max(int(completion.measured.sum()), 1)
+    if share > CONTRADICTORY:
+        text = f"{share:.0%} of the measurements contradict the others or the image: left out"
+        doubts.append(Notice("contradictory", text))
+    return doubts
 
 
 def _to_cpu(completion: DepthCompletion) -> DepthCompletion:

@@ -1,6 +1,6 @@
 """Where frames come from: one frame's files, or folders of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -9,16 +9,23 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from steered_marigold.core.doubts import scale_doubts
+from steered_marigold.core.doubts import require_another_image, scale_doubts
+from steered_marigold.core.edge_agreement import misalignment_doubts
 from steered_marigold.core.frame import Frame
-from steered_marigold.core.registration import register_depth
+from steered_marigold.core.inversion import inversion_doubts
+from steered_marigold.core.registration import (
+    Registration,
+    register_depth,
+    register_depth_camera,
+)
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES, read_confidence
-from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_files import is_depth_name, require_other_file
 from steered_marigold.io.depth_maps import DepthMap, read_depth
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import Intrinsics
 from steered_marigold.io.pairing import pair_files
+from steered_marigold.io.undistortion import undistort_depth, undistort_image
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +33,8 @@ class Reading:
     """How files are read; see `read_depth`.
 
     registered: the depth map has a lower resolution and an equal view. intrinsics: of the image.
+    depth_intrinsics, extrinsics: of a depth map of another camera, and the motion [m] from its
+    frame to the image's; both or neither. undistort: take the lens's distortion out of both.
     no_measurements: a frame in which nothing was measured is a frame all the same. slop: time
     stamps [s] of a pair differ by no more; associations: see `pair_files`.
     """
@@ -36,9 +45,22 @@ class Reading:
     baseline: float | None = None
     registered: bool = False
     intrinsics: Intrinsics | None = None
+    depth_intrinsics: Intrinsics | None = None
+    extrinsics: Float[Tensor, "4 4"] | None = None
+    undistort: bool = False
     no_measurements: bool = False
     slop: float = 0.02
     associations: Path | None = None
+
+    def __post_init__(self) -> None:
+        two = self.depth_intrinsics is not None, self.extrinsics is not None
+        if any(two) and not (all(two) and self.intrinsics is not None):
+            raise InputError(
+                "registering another camera's depth takes `intrinsics`, `depth_intrinsics` and "
+                "`extrinsics`"
+            )
+        if self.undistort and (self.intrinsics is None or self.intrinsics.distortion is None):
+            raise InputError("`undistort` needs `intrinsics` with distortion coefficients")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,13 +116,13 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
     for folder in folders.given():
         if not folder.is_dir():
             raise InputError(f"{folder}: {folders.image} is a folder, so this must be one too")
-    images = _files(folders.image, IMAGE_SUFFIXES)
+    images = _files(folders.image, _with_suffix(IMAGE_SUFFIXES))
     if folders.depth is None:
         files = {path.stem: FrameFiles(image=path) for path in images}
         return FileSource(files=files, reading=reading)
     pairing = pair_files(
         images,
-        _files(folders.depth, DEPTH_SUFFIXES),
+        _files(folders.depth, is_depth_name),
         slop=reading.slop,
         associations=reading.associations,
     )
@@ -108,7 +130,7 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
     lone = pairing.unpaired
     if folders.confidence is not None:
         depths = [depth for _, depth in pairing.pairs]
-        weights = pair_files(depths, _files(folders.confidence, CONFIDENCE_SUFFIXES))
+        weights = pair_files(depths, _files(folders.confidence, _with_suffix(CONFIDENCE_SUFFIXES)))
         of_depth = dict(weights.pairs)
         without = [frame for frame in files.values() if frame.depth not in of_depth]
         lone += tuple(frame.image for frame in without)
@@ -122,17 +144,19 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
 
 def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None) -> Frame:
     """The frame's files, checked against each other; InputError where they cannot be used."""
-    if files.depth is not None and files.depth.resolve() == files.image.resolve():
-        raise InputError(f"{files.image}: is given as the image and as its depth map; name both")
+    if files.depth is not None:
+        require_other_file(files.image, files.depth)
     image = read_image(files.image)
     size = image.pixels.shape[0], image.pixels.shape[1]
-    K, notices = None, image.notes
+    K, notices, pixels = None, image.notes, image.pixels
     if reading.intrinsics is not None:
         K, of_camera = reading.intrinsics.for_image(size)
         notices += of_camera
+        if reading.undistort and reading.intrinsics.distortion is not None:
+            pixels = undistort_image(pixels, K, reading.intrinsics.distortion)
     nothing = torch.zeros(size)
     frame = Frame(
-        image=image.pixels,
+        image=pixels,
         sparse_depth=nothing,
         valid_mask=nothing > 0,
         K=K,
@@ -143,8 +167,9 @@ def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None)
 
 
 def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -> Frame:
-    """The frame with what was measured."""
-    measured = _read_depth(path, reading, frame.K)
+    """The frame with what was measured, on the image's grid, and what is doubtful about it."""
+    depth_camera = reading.depth_intrinsics
+    measured = _read_depth(path, reading, frame.K if depth_camera is None else depth_camera.K)
     confidence, notices = None, measured.notes
     if files.confidence is not None:
         weights = read_confidence(files.confidence)
@@ -154,20 +179,53 @@ def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -
                 f"{files.confidence} is {_size(confidence)} but {path} {_size(measured.depth)}"
             )
     depth, valid_mask = measured.depth, measured.valid_mask
-    if reading.registered:
-        moved = register_depth(depth, valid_mask, frame.size)
+    moved = _register(frame, measured, reading)
+    if moved is not None:
         depth, valid_mask = moved.depth, moved.valid_mask
         confidence = None if confidence is None else moved.carry(confidence)
     elif frame.size != depth.shape:
         raise _other_size(files, frame.image[..., 0], depth)
-    return replace(
+    elif reading.undistort and reading.intrinsics is not None and frame.K is not None:
+        lens = frame.K, reading.intrinsics.distortion or ()
+        if confidence is not None:
+            confidence, _ = undistort_depth(confidence, valid_mask, *lens)
+        depth, valid_mask = undistort_depth(depth, valid_mask, *lens)
+    try:
+        require_another_image(frame.image, depth, valid_mask)
+    except InputError as error:
+        raise InputError(f"{files.image}: {error}") from error
+    frame = replace(
         frame,
         sparse_depth=depth,
         valid_mask=valid_mask,
         confidence=confidence,
         missing=measured.missing,
-        notices=frame.notices + notices + scale_doubts(depth, valid_mask),
-    )
+        notices=frame.notices + notices,
+    ).plausible()
+    depth, valid_mask = frame.sparse_depth, frame.valid_mask
+    doubts = scale_doubts(depth, valid_mask)
+    if not doubts:  # a wrong unit explains the others
+        doubts = inversion_doubts(depth, valid_mask)
+        doubts += misalignment_doubts(frame.image, depth, valid_mask)
+    return replace(frame, notices=frame.notices + doubts)
+
+
+def _register(frame: Frame, measured: DepthMap, reading: Reading) -> Registration | None:
+    """The measurements on the image's grid; None where they lie on it."""
+    depth, valid_mask = measured.depth, measured.valid_mask
+    if reading.depth_intrinsics is not None and reading.extrinsics is not None:
+        assert frame.K is not None  # Reading holds it so
+        rows, columns = depth.shape
+        depth_K, _ = reading.depth_intrinsics.for_image((rows, columns))
+        return register_depth_camera(
+            depth,
+            valid_mask,
+            depth_K=depth_K,
+            image_K=frame.K,
+            extrinsics=reading.extrinsics,
+            size=frame.size,
+        )
+    return register_depth(depth, valid_mask, frame.size) if reading.registered else None
 
 
 def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) -> DepthMap:
@@ -188,12 +246,14 @@ def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) ->
     return measured
 
 
-def _files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+def _with_suffix(suffixes: Sequence[str]) -> Callable[[str], bool]:
+    return lambda name: Path(name).suffix.lower() in suffixes
+
+
+def _files(folder: Path, wanted: Callable[[str], bool]) -> list[Path]:
     """The folder's visible files of these kinds."""
     return sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+        path for path in folder.iterdir() if wanted(path.name) and not path.name.startswith(".")
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steered_marigold.errors import FileFormatError, MissingExtraError
+from steered_marigold.errors import FileFormatError, InputError, MissingExtraError
 from steered_marigold.io.files import (
     AnyPath,
     decoding,
@@ -56,6 +56,18 @@ def is_depth_name(name: AnyPath) -> bool:
     """Whether a file of this name may hold depth: a known extension, and no metadata."""
     path = Path(name)
     return path.suffix.lower() in DEPTH_SUFFIXES and not path.name.lower().endswith(_METADATA)
+
+
+def require_other_file(image: AnyPath, depth: AnyPath) -> None:
+    """InputError if `image` and `depth` are the same file or folder; HEIC files may hold both."""
+    other = split_member(depth)[0]
+    if not Path(image).exists() or not other.exists() or not other.samefile(image):
+        return
+    if other.suffix.lower() not in HEIF_SUFFIXES:
+        raise InputError(
+            f"{image}: is given as the image and as its depth map; give the image that belongs to "
+            "the depth map"
+        )
 
 
 def _read_archive(path: Path, member: str | None) -> NDArray[Any]:

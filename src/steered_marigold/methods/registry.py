@@ -70,6 +70,21 @@ def method_label(name: str) -> str:
     return f"{base}{at}{settings}"
 
 
+def steers(name: str) -> bool:
+    """Whether a method moves a diffusion model's predictions, told without loading it.
+
+    False for a name that is not of METHODS.
+    """
+    base, _, text = name.partition("@")
+    source = _SOURCES.get(_FORMER.get(base, base))
+    if source is None or "preset" not in source.fixed:
+        return False
+    from steered_marigold.diffusion.settings import KNOBS, get_preset  # brings SciPy along
+
+    knobs = read_settings(base, filter(None, text.split(",")), KNOBS)
+    return get_preset(source.fixed["preset"]).override(**knobs).steering.steering_strength != 0
+
+
 def create_method(
     name: str,
     *,

@@ -1,7 +1,7 @@
 """A picture of what went in and what came out, for people."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -69,7 +69,7 @@ class _Panel:
     title: str
     values: NDArray[Any]
     norm: Normalize | None = None
-    colours: Colormap = DEPTH
+    colours: Colormap = field(default_factory=lambda: DEPTH)  # has no hash
     label: str = ""
 
 
