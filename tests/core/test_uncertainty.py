@@ -9,7 +9,7 @@ from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty, mean_steps
 
 MODEL = UncertaintyModel(
-    near=0.01, reach=0.8, length=0.05, origin=0.5, moved=0.4, farther=2.0, nearer=1.0, relief=6.0,
+    near=0.01, reach=0.8, drift=0.3, length=0.05, origin=0.5, moved=0.4, farther=2.0, nearer=1.0, relief=6.0,
     by_kind=(1.0, 1.5, 2.0, 3.0),
 )  # fmt: skip
 DEPTH = torch.full((30, 40), 2.0)
@@ -36,7 +36,7 @@ def trusted() -> torch.Tensor:
 def test_the_formula(trusted: torch.Tensor) -> None:
     far = 1 - math.exp(-((math.hypot(5, 12) / 50 / 0.05) ** 1.5))
     disagreement = math.sqrt((math.log(1.1) ** 2 + 3 * 0.2**2) / 4)
-    terms = (0.8 * disagreement, 0.5 * 0.3, 0.4 * math.log(1.1))
+    terms = (0.8 * disagreement, 0.3 * 13 / 50, 0.5 * 0.3, 0.4 * math.log(1.1))
     relative = 1.5 * math.sqrt(0.01**2 + far * sum(term**2 for term in terms))
     result = estimate(trusted, doubt=torch.full_like(DEPTH, 0.3))
     assert result[20, 22].item() == pytest.approx(2 * math.hypot(relative, 0.002), rel=1e-5)
@@ -46,7 +46,7 @@ def test_beyond_the_measured_range(trusted: torch.Tensor) -> None:
     for ratio, factor, kind in ((2.0, 2.0, 2), (0.5, 1.0, 3)):
         result = estimate(trusted, prior=DEPTH * ratio, depth=DEPTH * ratio)
         disagreement = math.sqrt((math.log(2) ** 2 + 3 * 0.2**2) / 4)
-        terms = (0.8 * disagreement, factor * math.log(2))
+        terms = (0.8 * disagreement, 0.3 * math.hypot(14, 29) / 50, factor * math.log(2))
         relative = MODEL.by_kind[kind] * math.sqrt(0.01**2 + sum(term**2 for term in terms))
         expected = 2 * ratio * math.hypot(relative, 0.002)
         assert result[29, 39].item() == pytest.approx(expected, rel=1e-3)

@@ -26,10 +26,11 @@ SAMPLE = 20_000  # measurements that tell the range, evenly spread
 # it is cut elsewhere
 BEYOND_SHARE = 0.3
 DEEP = 0.03
+BLOCKS = 16  # of an image's height, and of its width; finer ones miss the rows of sparse samples
 
 
 class Hole(IntEnum):
-    """Where a pixel lies. INSIDE: measured to its left, right, above and below. BESIDE: not so.
+    """Where a pixel lies. INSIDE: between measurements, in its row or column of BLOCKS. BESIDE: not.
 
     FARTHER, NEARER: in an image whose holes lie beyond the measured range.
     """
@@ -42,8 +43,9 @@ class Hole(IntEnum):
 
 @dataclass(frozen=True)
 class UncertaintyModel:
-    """sigma^2 = sensor^2 + depth^2 by_kind^2 (near^2 + far ((reach D)^2 + (origin doubt)^2
-    + (moved |log depth - log prior|)^2 + (farther f)^2 + (nearer n)^2) + far^2 (relief steps)^2),
+    """sigma^2 = sensor^2 + depth^2 by_kind^2 (near^2 + far ((reach D)^2 + (drift distance)^2
+    + (origin doubt)^2 + (moved |log depth - log prior|)^2 + (farther f)^2 + (nearer n)^2)
+    + far^2 (relief steps)^2),
 
     far = 1 - exp(-(distance / length)^1.5).
 
@@ -54,13 +56,14 @@ class UncertaintyModel:
     range. steps: mean difference of the prior's log depth between neighbours around a pixel: where
     depth jumps, it jumps elsewhere.
 
-    near: relative error beside a measurement. length: a share of the image's diagonal. by_kind: a
+    near: relative error beside a measurement. distance, length: shares of the image's diagonal. by_kind: a
     factor for each kind of `Hole`, such that 90 % of the errors on the tune frames lie within the
     90 % interval.
     """
 
     near: float
     reach: float
+    drift: float
     length: float
     origin: float
     moved: float
@@ -148,6 +151,7 @@ def relative_uncertainty(
     far = 1 - torch.exp(-((around.distance / model.length) ** 1.5))
     reach = (
         (model.reach * around.disagreement).square()
+        + (model.drift * around.distance).square()
         + (model.origin * around.doubt).square()
         + (model.moved * around.moved).square()
         + (model.farther * around.farther).square()
@@ -170,11 +174,14 @@ def _kinds(
         if max(shares) > BEYOND_SHARE:
             kind = Hole.FARTHER if shares[0] >= shares[1] else Hole.NEARER
             return torch.full_like(trusted, int(kind), dtype=torch.long)
-    seen = trusted.to(torch.uint8)
-    before = [seen.cummax(dim).values for dim in (0, 1)]
-    after = [seen.flip(dim).cummax(dim).values.flip(dim) for dim in (0, 1)]
-    around = torch.stack(before + after).bool().all(dim=0)
-    return torch.where(around, int(Hole.INSIDE), int(Hole.BESIDE))
+    seen = F.adaptive_max_pool2d(trusted.float()[None], BLOCKS)[0]
+    across, along = (
+        seen.cummax(dim).values * seen.flip(dim).cummax(dim).values.flip(dim) for dim in (1, 0)
+    )
+    between = torch.maximum(across, along)[None, None]
+    height, width = trusted.shape
+    inside = F.interpolate(between, size=(height, width), mode="nearest")[0, 0] > 0
+    return torch.where(inside, int(Hole.INSIDE), int(Hole.BESIDE))
 
 
 def mean_steps(
