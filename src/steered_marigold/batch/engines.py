@@ -1,7 +1,7 @@
 """Where work is done: in this process, or in several."""
 
 from collections.abc import Callable, Generator, Iterable
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import torch
 
@@ -11,6 +11,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Does tasks, each by itself, so that every engine gives the same results.
 
