@@ -93,7 +93,7 @@ def test_the_image_tells_what_has_changed() -> None:
     answer, alone = stream.answer(other), streaming().answer(other)
     hole = ~present.valid_mask
     apart = (answer.depth[0] - alone.depth[0]).abs()[hole]
-    assert float((apart < 0.02).float().mean()) > 0.95  # greys are nearly their own negatives
+    assert float((apart < 0.02).float().mean()) > 0.9  # greys are nearly their own negatives
 
 
 @pytest.mark.parametrize("cut", ["reset", "another size"])
