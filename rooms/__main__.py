@@ -1,10 +1,12 @@
-"""Random rooms on disk: shards for training, a contact sheet, the package's sample frame.
+"""Random rooms on disk: shards for training, a contact sheet, the package's sample frames.
 
 With --streets the same of streets; with --crops surfaces look like photographs.
 
 python -m rooms --output DIR --frames 6000 --workers 2 --seed 0
 python -m rooms --contact-sheet sheet.png
 python -m rooms --sample src/steered_marigold/assets/sample
+python -m rooms --sample src/steered_marigold/assets/samples/office --scene office
+python -m rooms --sample src/steered_marigold/assets/samples/chair --scene chair
 """
 
 import re
@@ -19,7 +21,7 @@ import typer
 
 from rooms.bank import use_crops
 from rooms.render import MAX_STREET_DEPTH_M, RoomFrame, render_room, render_street
-from rooms.sample import write_sample
+from rooms.sample import SCENES, write_sample
 from rooms.shards import first_seed, write_shards
 
 
@@ -27,7 +29,8 @@ def main(
     *,
     output: Annotated[Path | None, typer.Option(help="folder for shards; resumes")] = None,
     contact_sheet: Annotated[Path | None, typer.Option(help="PNG of 12 frames")] = None,
-    sample: Annotated[Path | None, typer.Option(help="folder for the sample frame")] = None,
+    sample: Annotated[Path | None, typer.Option(help="folder for a sample frame")] = None,
+    scene: Annotated[str, typer.Option(help=f"of the sample: {', '.join(SCENES)}")] = "room",
     frames: Annotated[int, typer.Option(min=1, help="how many frames in shards")] = 6000,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of frames in shards")] = "320x240",
     workers: Annotated[int, typer.Option(min=1, help="processes")] = 1,
@@ -40,6 +43,8 @@ def main(
     """Random rooms on disk."""
     if output is None and contact_sheet is None and sample is None:
         raise typer.BadParameter("give --output, --contact-sheet or --sample")
+    if scene not in SCENES:
+        raise typer.BadParameter(f"--scene {scene}: there are {', '.join(SCENES)}")
     if not (match := re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", size)):
         raise typer.BadParameter(f"--size {size}: write it as 320x240")
     pixels = int(match[1]), int(match[2])
@@ -61,7 +66,7 @@ def main(
         render = render_street if streets else render_room
         write_contact_sheet(contact_sheet, render, first_seed(seed))
     if sample is not None:
-        write_sample(sample)
+        write_sample(sample, scene)
 
 
 def write_contact_sheet(path: Path, render: Callable[[int], RoomFrame], first: int) -> None:

@@ -1,4 +1,4 @@
-"""Which pixels a depth camera with its own light would not measure."""
+"""Which pixels a depth camera with its own light, or a spinning LiDAR, would measure."""
 
 import cv2
 import numpy as np
@@ -8,6 +8,7 @@ from rooms.render import RoomFrame
 
 BASELINE_M = 0.075  # from the camera to the projector on its right
 _WEAKEST_SIGNAL = 0.008  # albedo over square metres
+_ROWS_A_LINE = 12  # 40 lines in 480 rows
 
 Field = Float32[np.ndarray, "height width"]
 Mask = Bool[np.ndarray, "height width"]
@@ -29,6 +30,16 @@ def sensor_holes(frame: RoomFrame, generator: np.random.Generator) -> Mask:
     through_glass = frame.glass & (grains < 2.5)  # a few false returns
     missing = ~in_range | (signal < _WEAKEST_SIGNAL) | projector_shadow(frame)
     return np.asarray(~(missing | through_glass | speckle))
+
+
+def scan_lines(frame: RoomFrame, generator: np.random.Generator) -> Mask:
+    """True on the rows that a spinning LiDAR's lines hit; glass and one in ten pixels are missing.
+
+    Lines of equal elevation are taken as straight rows, which holds near the optical axis.
+    """
+    on_line = np.arange(frame.depth.shape[0]) % _ROWS_A_LINE == _ROWS_A_LINE // 2
+    returned = generator.random(frame.depth.shape) < 0.9
+    return np.asarray(on_line[:, None] & returned & ~frame.glass)
 
 
 def returned_light(frame: RoomFrame) -> Field:

@@ -5,13 +5,18 @@ import steered_marigold
 PUBLIC = [
     "DepthCompleter",
     "DepthCompletion",
+    "Frame",
+    "Outputs",
     "SensorNoise",
     "SteeredCompleter",
     "SteeredMarigoldError",
     "SteeredMarigoldPipeline",
     "StreamingCompleter",
+    "complete_frame",
     "create_method",
     "load_pipeline",
+    "make_frame",
+    "save",
 ]
 
 

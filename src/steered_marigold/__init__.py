@@ -3,7 +3,7 @@
     from steered_marigold import SteeredCompleter
 
     completer = SteeredCompleter.from_checkpoint("embedded")
-    completion = completer.complete(image, sparse_depth, valid_mask)
+    completion = completer.complete(image, sparse_depth)  # NumPy, PyTorch or PIL
     completion.depth          # [1, height, width], metres
     completion.uncertainty    # [1, height, width], metres
 
@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from steered_marigold.core.completion import DepthCompletion
     from steered_marigold.core.consistency import SensorNoise
+    from steered_marigold.core.frame import Frame, make_frame
     from steered_marigold.diffusion.checkpoints import load_pipeline
     from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
     from steered_marigold.errors import SteeredMarigoldError
+    from steered_marigold.frames.complete import complete_frame
+    from steered_marigold.frames.outputs import Outputs, save
     from steered_marigold.methods.completer import DepthCompleter
     from steered_marigold.methods.registry import create_method
     from steered_marigold.methods.steered import SteeredCompleter
@@ -27,26 +30,36 @@ if TYPE_CHECKING:
 __all__ = [
     "DepthCompleter",
     "DepthCompletion",
+    "Frame",
+    "Outputs",
     "SensorNoise",
     "SteeredCompleter",
     "SteeredMarigoldError",
     "SteeredMarigoldPipeline",
     "StreamingCompleter",
+    "complete_frame",
     "create_method",
     "load_pipeline",
+    "make_frame",
+    "save",
 ]
 
 # imported when first used: `steered-marigold --help` needs no torch
 _HOMES = {
     "DepthCompleter": "methods.completer",
     "DepthCompletion": "core.completion",
+    "Frame": "core.frame",
+    "Outputs": "frames.outputs",
     "SensorNoise": "core.consistency",
     "SteeredCompleter": "methods.steered",
     "SteeredMarigoldError": "errors",
     "SteeredMarigoldPipeline": "diffusion.pipeline",
     "StreamingCompleter": "methods.streaming",
+    "complete_frame": "frames.complete",
     "create_method": "methods.registry",
     "load_pipeline": "diffusion.checkpoints",
+    "make_frame": "core.frame",
+    "save": "frames.outputs",
 }
 
 

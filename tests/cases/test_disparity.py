@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from steered_marigold.core.doubts import inversion_doubts
+from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.io.depth_maps import read_depth
 
 K = torch.tensor([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])

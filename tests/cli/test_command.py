@@ -66,7 +66,7 @@ def test_sizes_that_differ(frame_files: tuple[Path, Path], tmp_path: Path) -> No
 
 def test_pictures_of_depth(frame_files: tuple[Path, Path], tmp_path: Path) -> None:
     image, depth = frame_files
-    _save(depth, np.ones((24, 32, 3), np.uint8))
+    _save(depth, np.arange(24 * 32 * 3).astype(np.uint8).reshape(24, 32, 3))
     assert "several channels" in _refused(tmp_path, image, depth)
     _save(depth, np.ones((24, 32), np.uint8))
     assert "256 levels" in _refused(tmp_path, image, depth)
@@ -77,6 +77,8 @@ def test_nothing_measured(frame_files: tuple[Path, Path], tmp_path: Path) -> Non
     _save(depth, np.zeros((24, 32), np.uint16))
     assert "no valid pixel (768 zero); --no-measurements" in _refused(tmp_path, image, depth)
     assert "DEPTH is missing" in _refused(tmp_path, image)
+    weighed = (image, "--no-measurements", "--confidence", tmp_path / "c.png")
+    assert "--confidence weighs measurements: give DEPTH too" in _refused(tmp_path, *weighed)
 
 
 def test_everything_beyond_the_maximum_depth(
@@ -88,7 +90,8 @@ def test_everything_beyond_the_maximum_depth(
 
 def test_unknown_extensions(frame_files: tuple[Path, Path], tmp_path: Path) -> None:
     image, depth = frame_files
-    assert "'.pfm'" in _refused(tmp_path, image, depth.rename(tmp_path / "depth.pfm"))
+    assert "'.doc'" in _refused(tmp_path, image, depth.rename(tmp_path / "depth.doc"))
+    assert "'.bmp'" in _refused(tmp_path, image, depth, "--uncertainty", tmp_path / "a.bmp")
     for option in ("--uncertainty", "--visualization", "--point-cloud"):
         assert "'.doc'" in _refused(tmp_path, image, depth, option, tmp_path / "a.doc")
 
@@ -110,8 +113,12 @@ def test_arguments_that_cannot_be_meant(frame_files: tuple[Path, Path], tmp_path
         (("--sensor-noise", "a lot"), "--sensor-noise a lot: give metres"),
         (("--sensor-noise", "-1%"), "--sensor-noise -1%"),
         (("--max-uncertainty", "0"), "--max-uncertainty must be"),
+        (("--max-uncertainty", "nan"), "--max-uncertainty must be"),
         (("--depth-scale", "-1"), "--depth-scale must be"),
-        (("--intrinsics", "1,2,3"), "1,2,3: intrinsics are"),
+        (("--max-depth", "0"), "--max-depth must be"),
+        (("--output-scale", "0"), "--output-scale must be"),
+        (("--set", "speed=1"), "has no setting 'speed'"),
+        (("--intrinsics", "1,2,3"), "1,2,3: 3 numbers are no intrinsics"),
         (("--point-cloud", tmp_path / "a.ply"), "--intrinsics"),
     ):
         assert problem in _refused(tmp_path, *frame_files, *arguments)

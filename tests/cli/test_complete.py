@@ -7,23 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from steered_marigold.cli.frames import Completer
 from typer.testing import CliRunner, Result
 
 from examples import demo
 from steered_marigold.cli import app, complete
 from steered_marigold.errors import CheckpointError, MissingExtraError, SteeredMarigoldError
+from tests.frames.completers import NearestCompleter
 
 KEYS = {
     *("output", "preset", "steps", "seed", "seconds", "load_seconds", "input_valid_fraction"),
     *("scale", "shift", "depth_min_m", "depth_max_m", "metric", "device", "dtype", "checkpoint"),
     *("trusted", "untrusted", "floored", "unrepresentable", "treated_as_missing"),
+    *("image", "depth", "frame", "method", "steers", "notices", "points", "too_uncertain"),
 }
+PAIRED = "3 frames, paired by equal stems\n"
 Run = Callable[..., Result]
 
 
 @pytest.fixture
-def run(completer: Completer, monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(completer: NearestCompleter, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Runs `complete` with these arguments."""
     monkeypatch.setattr(complete, "_load", lambda model, progress: (completer, 0.25))
 
@@ -42,7 +44,7 @@ def test_the_record_is_all_that_is_on_stdout(
     assert record.keys() >= KEYS
     assert (record["seed"], record["load_seconds"]) == (4, 0.25)
     assert record["treated_as_missing"].keys() == {
-        *("zero", "negative", "non_finite", "saturated", "beyond_max_depth")
+        *("zero", "negative", "non_finite", "saturated", "beyond_max_depth", "beyond_limits")
     }
 
 
@@ -66,7 +68,10 @@ def test_a_folder_gives_a_record_a_line_and_the_bytes_of_single_runs(
     images, depths = frame_folders
     out = tmp_path / "out"
     result = run(images, depths, "-o", out, "--output-format", "npy", "--json")
-    assert (result.exit_code, result.stderr) == (0, "3 completed, 0 skipped, 0 failed\n")
+    assert (result.exit_code, result.stderr) == (
+        0,
+        f"{PAIRED}3 completed, 0 skipped, 0 failed\n",
+    )
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [Path(record["output"]).name for record in records] == [
         *("0000.npy", "0001.npy", "0002.npy")
@@ -74,7 +79,10 @@ def test_a_folder_gives_a_record_a_line_and_the_bytes_of_single_runs(
     run(images / "0001.png", depths / "0001.png", "-o", tmp_path / "single.npy")
     assert (out / "0001.npy").read_bytes() == (tmp_path / "single.npy").read_bytes()
     again = run(images, depths, "-o", out, "--output-format", "npy", "--json")
-    assert (again.stdout, again.stderr) == ("", "0 completed, 3 skipped, 0 failed\n")
+    assert (again.stdout, again.stderr) == (
+        "",
+        f"{PAIRED}0 completed, 3 skipped, 0 failed\n",
+    )
 
 
 def test_a_failed_frame_shows_in_the_exit_code(
@@ -86,6 +94,8 @@ def test_a_failed_frame_shows_in_the_exit_code(
     result = run(images, depths, "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert "1 completed, 0 skipped, 2 failed" in result.stderr
+    assert f"error: {images / '0001.png'}: " in result.stderr
+    assert f"error: {images / '0002.png'}: belongs to no pair" in result.stderr
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["0000.png"]
 
 
@@ -97,6 +107,20 @@ def test_relative_depth_of_an_image_alone(
     record = json.loads(result.stdout)
     assert (record["metric"], record["depth"], record["treated_as_missing"]) == (False, None, None)
     assert np.asarray(Image.open(out)).max() > 40_000
+
+
+def test_doubts_are_warnings_in_the_words_of_the_command(
+    run: Run, frame_files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out.npy"
+    result = run(*frame_files, "--depth-scale", 1, "-o", out, "--json")
+    assert result.exit_code == 0
+    notices = json.loads(result.stdout)["notices"]
+    assert "implausible_scale" in {notice["kind"] for notice in notices}
+    lines = result.stderr.splitlines()
+    assert len(lines) == len(notices)
+    assert all(line.startswith(f"warning: {frame_files[0]}: ") for line in lines)
+    assert any("is --depth-scale, metres per unit, right?" in line for line in lines)
 
 
 def test_every_option_reaches_its_place(

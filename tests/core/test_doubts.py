@@ -7,7 +7,8 @@ import pytest
 import torch
 from PIL import Image
 
-from steered_marigold.core.doubts import inversion_doubts, require_another_image, scale_doubts
+from steered_marigold.core.doubts import require_another_image, scale_doubts
+from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.errors import InputError
 from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.images import read_image
@@ -36,18 +37,6 @@ def test_nothing_measured_is_not_suspicious() -> None:
     nothing = torch.zeros(SIZE)
     assert scale_doubts(nothing, nothing > 0) == ()
     assert inversion_doubts(nothing, nothing > 0) == ()
-
-
-def test_a_second_kind_of_number_among_depths() -> None:
-    depth = _room()
-    assert scale_doubts(depth, depth > 0) == ()
-    depth[:30, :40] = 65.525
-    (notice,) = scale_doubts(depth, depth > 0)
-    assert notice.kind == "second_mode"
-    assert "1200 measurements lie near 65.5" in notice.text
-    assert "`max_depth`" in notice.text
-    depth[:, 100:] = 30  # a view out of a window is no such number
-    assert scale_doubts(depth, depth > 0) == ()
 
 
 def test_disparity_and_inverse_depth() -> None:

@@ -1,14 +1,8 @@
 """Which measurements are believed."""
 
-import pytest
 import torch
 
-from steered_marigold.core.outliers import (
-    ORIGIN,
-    fit_scale_shift_robust,
-    trusted_measurements,
-)
-from steered_marigold.errors import NoMeasurementsError
+from steered_marigold.core.outliers import judge_measurements, trusted_measurements
 
 HEIGHT, WIDTH = 60, 80
 
@@ -27,52 +21,6 @@ def with_outliers(depth: torch.Tensor, mask: torch.Tensor, share: float) -> torc
     wrong = mask & (torch.rand(depth.shape, generator=generator) < share)
     depth[wrong] = torch.rand(depth.shape, generator=generator)[wrong] * 9.7 + 0.3
     return wrong
-
-
-def test_robust_fit_ignores_a_fifth_of_wrong_measurements() -> None:
-    affine, depth, mask = scene()
-    with_outliers(depth, mask, 0.2)
-    fit = fit_scale_shift_robust(affine[None], depth[None], mask[None])
-    assert fit.scale.item() == pytest.approx(3, abs=0.01)
-    assert fit.shift.item() == pytest.approx(0.7, abs=0.01)
-
-
-def test_confidence_weighs_the_robust_fit() -> None:
-    affine, depth, mask = scene()
-    left = torch.arange(WIDTH) < 60
-    depth[:, left] = 5 * affine[:, left] + 0.2
-    confidence = torch.where(left, 0.0, 1.0).expand(HEIGHT, WIDTH)
-    fit = fit_scale_shift_robust(affine[None], depth[None], mask[None], confidence=confidence[None])
-    assert fit.scale.item() == pytest.approx(3, abs=0.01)
-
-
-def test_one_measurement_puts_the_origin_at_depth_zero() -> None:
-    affine = torch.tensor([[[0.2, 0.5, 0.9]]])
-    mask = torch.tensor([[[False, True, False]]])
-    fit = fit_scale_shift_robust(affine, torch.full_like(affine, 2.4), mask)
-    assert fit.apply(affine)[0, 0, 1].item() == pytest.approx(2.4)
-    assert fit.apply(torch.tensor([[ORIGIN]])).item() == pytest.approx(0, abs=1e-4)
-
-
-def test_two_measurements_of_equal_prediction_do_not_run_away() -> None:
-    affine = torch.tensor([[0.50, 0.51, 0.0, 1.0]])
-    depth = torch.tensor([[2.0, 2.5, 0.0, 0.0]])
-    fit = fit_scale_shift_robust(affine, depth, depth > 0)
-    near, far = fit.apply(affine)[0, 2:].tolist()
-    assert 0.5 < near < 2 < far < 6
-
-
-def test_the_origin_hardly_moves_the_fit_of_many_measurements() -> None:
-    affine, depth, mask = scene()
-    source, target, where = affine[None], depth[None] + 1, mask[None]
-    fit = fit_scale_shift_robust(source, target, where)
-    assert fit.shift.item() == pytest.approx(1.7, abs=0.002)
-
-
-def test_a_robust_fit_without_measurements_is_an_error() -> None:
-    affine, depth, mask = scene()
-    with pytest.raises(NoMeasurementsError):
-        fit_scale_shift_robust(affine[None], depth[None], mask[None] & False)
 
 
 def test_clean_measurements_are_believed_even_by_a_poor_prior() -> None:
@@ -114,3 +62,94 @@ def test_a_handful_is_believed() -> None:
     mask = torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
     mask[[3, 20, 40, 50], [5, 60, 10, 70]] = True
     assert torch.equal(trusted_measurements(depth * 2, depth, mask), mask)
+
+
+def room() -> tuple[torch.Tensor, torch.Tensor]:
+    """(a dense depth [m] of a floor, a wall and a box before them, where the box is)."""
+    y, x = torch.meshgrid(torch.arange(240), torch.arange(320), indexing="ij")
+    depth = torch.minimum(torch.full((240, 320), 4.0), 400 / (y + 1.0)) + 0.002 * x
+    box = (y > 60) & (y < 170) & (x > 180) & (x < 270)
+    return torch.where(box, 2.2 + 0.001 * x, depth), box
+
+
+def blurred(depth: torch.Tensor) -> torch.Tensor:
+    """As a prediction has it: its edges are ramps."""
+    return torch.nn.functional.avg_pool2d(
+        depth[None, None], 5, stride=1, padding=2, count_include_pad=False
+    )[0, 0]
+
+
+def everywhere(depth: torch.Tensor) -> torch.Tensor:
+    return torch.ones_like(depth, dtype=torch.bool)
+
+
+def test_a_clean_dense_scene_is_believed() -> None:
+    depth, _ = room()
+    assert trusted_measurements(blurred(depth), depth, everywhere(depth)).float().mean() > 0.995
+
+
+def test_connected_false_regions_are_left_out_and_doubted() -> None:
+    depth, _ = room()
+    wrong = torch.zeros_like(depth, dtype=torch.bool)
+    wrong[200:212, 60:80] = True  # a wet floor
+    wrong[20:30, 250:262] = True
+    measured = torch.where(wrong, depth * 3, depth)
+    judged = judge_measurements(blurred(depth), measured, everywhere(depth))
+    assert not bool(judged.trusted[wrong].any())
+    assert bool(judged.doubted[wrong].all())
+    assert judged.trusted[~wrong].float().mean() > 0.995
+
+
+def test_mixed_pixels_are_left_out() -> None:
+    depth, _ = room()
+    mixed = blurred(depth)
+    flying = (mixed - depth).abs() > 0.15
+    measured = torch.where(flying, mixed, depth)
+    trusted = trusted_measurements(blurred(depth), measured, everywhere(depth))
+    assert int(flying.sum()) > 500
+    assert trusted[flying].float().mean() < 0.2
+    assert trusted[~flying].float().mean() > 0.99
+
+
+def test_a_pole_that_the_prior_overlooked_lives() -> None:
+    depth, _ = room()
+    measured = depth.clone()
+    measured[40:200, 100:103] = 1.8
+    trusted = trusted_measurements(blurred(depth), measured, everywhere(depth))
+    assert trusted[40:200, 100:103].float().mean() > 0.95
+
+
+def test_a_large_thing_that_the_prior_overlooked_is_believed() -> None:
+    depth, box = room()
+    without = torch.where(box, torch.full_like(depth, 4.0), depth)
+    trusted = trusted_measurements(blurred(without), depth, everywhere(depth))
+    assert trusted[box].float().mean() > 0.95
+
+
+def test_lone_readings_in_glass_are_left_out() -> None:
+    depth, _ = room()
+    mask = everywhere(depth)
+    mask[20:180, 20:120] = False
+    mask[100:103, 60:63] = True
+    measured = depth.clone()
+    measured[100:103, 60:63] = 14.0
+    trusted = trusted_measurements(blurred(depth), measured, mask)
+    assert not bool(trusted[100:103, 60:63].any())
+
+
+def test_another_scale_is_judged_alike() -> None:
+    depth, _ = room()
+    measured = depth.clone()
+    measured[200:212, 60:80] *= 3
+    once, thrice = (
+        trusted_measurements(blurred(depth) * s, measured * s, everywhere(depth)) for s in (1, 7.3)
+    )
+    assert (once != thrice).float().mean() < 1e-3
+
+
+def test_something_is_always_believed() -> None:
+    mask = torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
+    mask[::20, ::20] = True
+    depth = torch.where(torch.arange(WIDTH) % 40 == 0, 0.1, 90.0).expand(HEIGHT, WIDTH)
+    prior = torch.full((HEIGHT, WIDTH), 3.0)
+    assert bool(trusted_measurements(prior, depth, mask).any())

@@ -367,6 +367,125 @@ def test_the_record_counts_exact_and_linear_steps(pipeline: SteeredMarigoldPipel
     assert (unsteered.exact_codec_steps, unsteered.linear_codec_steps) == (0, 0)
 
 
+def forbid_networks(pipeline: SteeredMarigoldPipeline) -> None:
+    """From now on every network of a pipeline fails the test that calls it."""
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        raise AssertionError("a network ran")
+
+    for model in pipeline.components.values():
+        if isinstance(model, torch.nn.Module):
+            for module in model.modules():
+                module.register_forward_pre_hook(called)
+    pipeline.vae.encode = pipeline.vae.decode = called
+
+
+LATENTS = torch.zeros(1, 4, 5, 6)
+WRONG_CALLS: dict[str, tuple[dict[str, Any], str]] = {
+    "shape of latents": ({"latents": LATENTS[..., :5]}, r"`latents` is \[1, 4, 5, 5\]"),
+    "number of latents": (
+        {"latents": LATENTS, "ensemble_size": 3},
+        r"`latents` .* must be \[3, 4, 5, 6\]",
+    ),
+    "shape of previous latents": (
+        {"previous_latents": LATENTS[:, :3]},
+        r"`previous_latents` is \[1, 3, 5, 6\]",
+    ),
+    "restart of nothing": ({"previous_latents": LATENTS, "restart": 0.0}, "`restart` is 0"),
+    "restart of more than all": ({"previous_latents": LATENTS, "restart": 1.5}, "`restart` is 1.5"),
+    "size of confidence": (
+        {"confidence": torch.ones(HEIGHT, WIDTH - 1)},
+        rf"`confidence` is .*asks for \[1, {HEIGHT}, {WIDTH}\]",
+    ),
+    "confidence of per cent": (
+        {"confidence": 100 * torch.ones(HEIGHT, WIDTH)},
+        r"`confidence` must lie in 0\.\.1",
+    ),
+    "confidence that is no number": (
+        {"confidence": torch.full((HEIGHT, WIDTH), torch.nan)},
+        r"`confidence` must lie in 0\.\.1",
+    ),
+    "callback's tensors": (
+        {"callback_on_step_end_tensor_inputs": ["latents", "prompt_embeds"]},
+        "`callback_on_step_end_tensor_inputs` has .*prompt_embeds",
+    ),
+    "output type": ({"output_type": "pil"}, "`output_type` is 'pil'"),
+    "no codec for steering": (
+        {"steering_codec": "tiny", "steering_strength": 0.1},
+        "`steering_codec='tiny'` needs a checkpoint with a steering_vae",
+    ),
+    "no steps": ({"num_inference_steps": 0}, "`num_inference_steps` is 0: it must be at least 1"),
+    "more steps than there are": ({"num_inference_steps": 1001}, "`num_inference_steps` is 1001"),
+    "preset": ({"preset": "best"}, "unknown preset 'best'"),
+    "generators": ({"generator": [seeded(), seeded()]}, "`generator` is a list of 2 for 1 images"),
+    "measurements of another size": (
+        {"sparse_depth": torch.ones(HEIGHT, WIDTH - 1)},
+        "`sparse_depth` is",
+    ),
+    "mask of another size": (
+        {"valid_mask": torch.ones(HEIGHT - 1, WIDTH, dtype=torch.bool)},
+        "`valid_mask` is",
+    ),
+    "negative depth": ({"sparse_depth": -torch.ones(HEIGHT, WIDTH)}, "finite and positive"),
+    "nothing measured": (
+        {"valid_mask": torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)},
+        "no valid measurement for image 0",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "problem"), WRONG_CALLS.values(), ids=WRONG_CALLS.keys())
+@pytest.mark.parametrize("preset", [None, "default", "paper"])
+def test_a_wrong_call_is_refused_before_any_network_runs(
+    pipeline: SteeredMarigoldPipeline, preset: str | None, arguments: dict[str, Any], problem: str
+) -> None:
+    image, depth, mask = frame()
+    forbid_networks(pipeline)
+    right: dict[str, Any] = {"sparse_depth": depth, "valid_mask": mask, "preset": preset}
+    sizes: dict[str, Any] = {"processing_resolution": 48, "ensemble_size": 1, "mirror": False}
+    with pytest.raises(InputError, match=problem):
+        pipeline(image, **right | sizes | arguments)
+    with pytest.raises(AssertionError, match="a network ran"):
+        pipeline(image, **right | sizes)
+
+
+@pytest.mark.parametrize(
+    "scheduler",
+    ["UniPCMultistepScheduler", "DPMSolverMultistepScheduler", "EulerDiscreteScheduler"],
+)
+def test_a_scheduler_without_a_clean_estimate_is_refused_before_any_network_runs(
+    pipeline: SteeredMarigoldPipeline, scheduler: str
+) -> None:
+    pipeline.scheduler = getattr(diffusers, scheduler).from_config(pipeline.scheduler.config)
+    image, depth, mask = frame()
+    forbid_networks(pipeline)
+    for preset in (None, "default"):
+        with pytest.raises(InputError, match=f"{scheduler}.*use DDIMScheduler, DDPMS"):
+            pipeline(image, depth, mask, preset=preset)
+
+
+def test_the_answer_carries_its_latents_if_asked(pipeline: SteeredMarigoldPipeline) -> None:
+    image, depth, mask = frame()
+    arguments: dict[str, Any] = {"preset": None, "ensemble_size": 3}
+    plain = pipeline(image, depth, mask, generator=seeded(), **arguments)
+    answer = pipeline(image, depth, mask, generator=seeded(), output_latents=True, **arguments)
+    assert plain.latents is None
+    assert answer.latents.shape == (3, 4, 5, 6)
+    assert torch.equal(answer.depth, plain.depth)
+    last: list[torch.Tensor] = []
+
+    def keep(pipe: Any, i: int, t: torch.Tensor, tensors: dict[str, Any]) -> dict[str, Any]:
+        last[:] = [tensors["latents"]]
+        return {}
+
+    pipeline(image, depth, mask, generator=seeded(), callback_on_step_end=keep, **arguments)
+    assert torch.equal(answer.latents, last[0])
+    arrays = pipeline(
+        image, depth, mask, generator=seeded(), output_latents=True, output_type="np", **arguments
+    )
+    np.testing.assert_array_equal(arrays["latents"], answer.latents.numpy())
+
+
 @pytest.mark.parametrize("scheduler", ["DDPMScheduler", "DDIMScheduler", "LCMScheduler"])
 def test_a_restart_runs_the_last_steps_from_the_previous_latents(
     pipeline: SteeredMarigoldPipeline, scheduler: str
@@ -435,7 +554,8 @@ def test_a_mirrored_ensemble_answers_a_mirrored_frame_with_the_mirror_image(
 def test_a_checkpoint_that_continues_the_known_is_told_what_was_measured(
     pipeline: SteeredMarigoldPipeline,
 ) -> None:
-    image, depth, mask = frame()
+    image, _, mask = frame()
+    depth = 1 + torch.arange(WIDTH) / WIDTH + torch.zeros(HEIGHT, 1)  # nothing to distrust
     mask[:, :20] = True
     mask[:, 30:] = False
     inputs: list[torch.Tensor] = []

@@ -9,7 +9,14 @@ import torch
 
 from steered_marigold.core.frame import Frame, make_frame
 from steered_marigold.errors import FileFormatError
-from steered_marigold.frames.viewing import TIMELINE, ViewedCompleter, rerun_log
+from steered_marigold.frames.sources import FrameFiles, Reading
+from steered_marigold.frames.viewing import (
+    TIMELINE,
+    ViewedCompleter,
+    rerun_log,
+    written_results,
+)
+from steered_marigold.io.depth_maps import write_depth
 from steered_marigold.methods.interpolation import NearestCompleter
 
 chunk = pytest.importorskip("rerun.chunk")
@@ -58,3 +65,22 @@ def test_a_run_that_fails_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(FileFormatError, match="rrd"), rerun_log(tmp_path / "a.txt"):
         pass
+
+
+def test_written_results_are_seen_again(frame_folders: tuple[Path, Path], tmp_path: Path) -> None:
+    images, depths = frame_folders
+    dense = tmp_path / "dense"
+    dense.mkdir()
+    for path in depths.iterdir():
+        write_depth(dense / path.name, torch.full((24, 32), 2.0))
+    files = FrameFiles(image=images, depth=depths)
+    results = list(written_results(files, dense, dense, Reading()))
+    assert [frame.id for frame, _ in results] == ["0000", "0001", "0002"]
+    for frame, completion in results:
+        assert 0 < int(frame.valid_mask.sum()) < frame.valid_mask.numel()
+        assert completion.uncertainty is not None
+        assert bool((completion.depth == 2.0).all())
+    (single,) = written_results(
+        FrameFiles(image=images / "0000.png"), dense / "0000.png", None, Reading()
+    )
+    assert not single[0].measured

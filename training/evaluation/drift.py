@@ -14,10 +14,11 @@ from steered_marigold.diffusion.grid import Measured
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.diffusion.settings import PAPER
 from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator
-from steered_marigold.evaluation.steering_figure import SteeringStep, record_steering
+from steered_marigold.evaluation.steering_figure import record_steering
 from steered_marigold.io.files import atomic_write
 from steered_marigold.methods.registry import create_method
 from steered_marigold.methods.steered import SteeredCompleter
+from steered_marigold.methods.steering_steps import SteeringStep
 from training.data import depth_range
 from training.evaluation.subject import SEED, Row, Subject, evenly_spaced
 

@@ -21,8 +21,10 @@ _run = option_panel("How to run")
 
 
 def evaluate(
-    dataset: Annotated[str, Argument(help="nyuv2, nyuv2-h5, kitti or folder.")],
-    path: Annotated[Path, Argument(help="nyu_depth_v2_labeled.mat, or the data set's folder.")],
+    dataset: Annotated[str, Argument(help="nyuv2, nyuv2-h5, kitti, folder or recording.")],
+    path: Annotated[
+        Path, Argument(help="nyu_depth_v2_labeled.mat, the data set's folder, or a recording.")
+    ],
     *,
     output: Annotated[
         Path, Option("-o", "--output", help="Folder of the run; a stopped run goes on there.")

@@ -53,6 +53,7 @@ def _in_words_of_the_command(text: str) -> str:
 
 def name_parameters(parameters: Iterable[Any]) -> None:
     """From now on, say of the command's parameters what its user calls them."""
+    _FLAGS.clear()
     for parameter in parameters:
         longest = max(parameter.opts, key=len)
         _FLAGS[parameter.name] = longest if longest.startswith("-") else longest.upper()

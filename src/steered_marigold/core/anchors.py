@@ -96,9 +96,10 @@ def thin_measurements(
     side = cell + 1 - cell % 2  # an odd window is symmetric
     wide_holes = ndimage.maximum_filter(ndimage.minimum_filter(~mask, side), side)
     borders = np.flatnonzero(mask & ndimage.maximum_filter(wide_holes, 3) & ~centres)
-    budget = max(max_anchors - 4 - int(centres.sum()), 0)
+    without_corners = max(max_anchors - len(CORNERS[0]), 0)
+    budget = max(without_corners - int(centres.sum()), 0)
     kept = np.flatnonzero(centres)
-    kept = np.concatenate((_evenly(kept, max_anchors - 4), _evenly(borders, budget)))
+    kept = np.concatenate((_evenly(kept, without_corners), _evenly(borders, budget)))
     thinned = np.zeros_like(mask)
     thinned.flat[kept] = True
     thinned[CORNERS] = mask[CORNERS]

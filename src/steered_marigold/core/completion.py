@@ -23,6 +23,8 @@ class DepthCompletion:
     measured: True where a measurement was given.
     trusted: True where a measurement was given and believed.
     floored: True where depth was raised to the method's positive minimum.
+    beyond_range: True where depth is more than twice as far as the farthest, or less than half as
+        far as the nearest, trusted measurement; None for methods that do not say.
     exact_codec_steps, linear_codec_steps: steps of steering that went through the VAE, and through
         a linear map in its place.
     latents: clean depth latents of every member, where they were asked for.
@@ -38,6 +40,7 @@ class DepthCompletion:
     shift: Float[Tensor, " batch"] | None = None
     slope_rejected: Bool[Tensor, " batch"] | None = None
     floored: Bool[Tensor, "batch height width"] | None = None
+    beyond_range: Bool[Tensor, "batch height width"] | None = None
     exact_codec_steps: int = 0
     linear_codec_steps: int = 0
     latents: Float[Tensor, "members channels h w"] | None = None

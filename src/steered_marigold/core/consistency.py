@@ -14,6 +14,7 @@ are solved for by multigrid (`core/multigrid.py`); at full resolution a few swee
 rows, put the pixels of a block in their places: time and memory grow with the image alone.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from torch import Tensor
 
 from steered_marigold.core.distance import distance_to
 from steered_marigold.core.multigrid import BLACK, RED, Equations, Level, Multigrid, to_phases
+from steered_marigold.errors import InputError
 
 # relative error that a step between neighbouring pixels of the prior is believed to have
 STEP_SPREAD = 0.02
@@ -52,6 +54,11 @@ class SensorNoise:
 
     metres: float = 0.0
     fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value < math.inf:
+                raise InputError(f"SensorNoise: `{name}` is {value}; it must be at least 0")
 
     @property
     def exact(self) -> bool:
@@ -191,8 +198,8 @@ def agree_with_measurements(
     """Depth [m] corrected to meet the trusted measurements [m] to within the sensor's noise.
 
     depth: positive. confidence: in [0, 1], divides the noise's variance; None is 1 everywhere.
-    image: RGB in [0, 1]. With exact measurements (noise 0 and no confidence) the result equals
-    them; without any the depth is returned unchanged.
+    image: RGB in [0, 1]. Exact measurements (noise 0) of confidence 1 are met to the bit; without
+    any measurements the depth is returned unchanged.
     """
     if not bool(trusted.any()):
         return depth
@@ -201,6 +208,7 @@ def agree_with_measurements(
     if confidence is not None:
         weight = weight.mul_(confidence)
     corrected = solve_log_depth(depth.log(), measured.log_(), weight, image).exp_()
-    if noise.exact and confidence is None:
-        corrected = torch.where(trusted, sparse_depth, corrected)
+    if noise.exact:
+        certain = trusted if confidence is None else trusted & (confidence >= 1)
+        corrected = torch.where(certain, sparse_depth, corrected)
     return corrected

@@ -7,19 +7,15 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from steered_marigold.core.alignment import ratio_of_means
+from steered_marigold.core.alignment import fit_positive
 from steered_marigold.core.distance import distance_to
 from steered_marigold.core.interpolation import push_pull
-from steered_marigold.core.outliers import fit_scale_shift_robust, trusted_measurements
+from steered_marigold.core.outliers import trusted_measurements
 
 # [px] of the processing grid; a cell counts as known if a measurement is so near to all of it
 REACH_PX = 6.0
 # the model's units are [-1, 1]; depth a little outside is still encoded faithfully
 LIMIT = 1.1
-# positive lower bound [m] of the fitted prediction, while measurements are compared with it
-MINIMUM_DEPTH = 0.05
-# measurements that the fit reads, evenly spread over all; more change nothing
-MAX_POINTS = 4000
 
 
 def told_depth(
@@ -33,15 +29,8 @@ def told_depth(
     then the rest of the difference is spread from the measurements over the gaps between them.
     """
     affine = (predicted[None] + 1) / 2
-    measured = valid_mask.flatten().nonzero()[:, 0]
-    if len(measured) > MAX_POINTS:
-        even = torch.linspace(0, len(measured) - 1, MAX_POINTS, device=measured.device)
-        measured = measured[even.long()]
-    pairs = affine.flatten(1)[:, measured], sparse_depth.flatten()[None, measured]
-    everywhere = torch.ones_like(pairs[0], dtype=torch.bool)
-    fit = fit_scale_shift_robust(*pairs, everywhere)
-    fit = fit.where(fit.increasing, ratio_of_means(*pairs, everywhere))
-    metric = fit.apply(affine)[0].clamp(min=MINIMUM_DEPTH)
+    fit = fit_positive(affine, sparse_depth, valid_mask).map
+    metric = fit.apply(affine)[0]
     trusted = trusted_measurements(metric, sparse_depth, valid_mask)
     in_units = 2 * fit.inverse().apply(sparse_depth[None])[0] - 1
     rest = torch.where(trusted, in_units.clamp(-LIMIT, LIMIT) - predicted, 0.0)

@@ -6,30 +6,42 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from steered_marigold.core.alignment import ScaleShift, fit_scale_shift, ratio_of_means
+from steered_marigold.core.alignment import (
+    PositiveFit,
+    ScaleShift,
+    fit_positive,
+    fit_scale_shift,
+    ratio_of_means,
+)
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise, agree_with_measurements
-from steered_marigold.core.outliers import fit_scale_shift_robust, trusted_measurements
-from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty
+from steered_marigold.core.outliers import Judgement, judge_measurements
+from steered_marigold.core.uncertainty import (
+    DEFAULT_NOISE,
+    UncertaintyModel,
+    estimate_uncertainty,
+)
 
-# measurements that the robust fit reads, evenly spread over all; more change nothing
-MAX_ROBUST = 20_000
+# a depth so many times farther than all that was measured, or nearer, is said to be beyond it
+BEYOND = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finishing:
     """How a prediction becomes metric.
 
-    robust: fit with reweighting and leave out measurements that nothing supports; else plain
-    least squares on all of them. consistent: correct the fit to agree with the measurements.
-    minimum_depth: positive lower bound [m], or None for none (then depth may be negative).
+    robust: a positive fit with reweighting, and measurements that nothing supports are left out;
+    else plain least squares on all of them. consistent: correct the fit to agree with the
+    measurements.
+    least_share: lower bound of depth, as a share of the median measured depth, so that a scene of
+    another scale is bounded alike; None for none (then a plain fit may be negative).
     uncertainty: the calibrated model for an answer from `consistent`, or None: the spread of the
     members alone.
     """
 
     robust: bool
     consistent: bool
-    minimum_depth: float | None
+    least_share: float | None
     uncertainty: UncertaintyModel | None = None
 
 
@@ -40,52 +52,65 @@ def finish(
     settings: Finishing,
     *,
     noise: SensorNoise,
+    assumed_noise: SensorNoise = DEFAULT_NOISE,
     confidence: Float[Tensor, "height width"] | None = None,
     image: Float[Tensor, "3 height width"] | None = None,
 ) -> DepthCompletion:
     """The completion of one image, batch axis 1.
 
     members: affine-invariant depth in [0, 1] of each ensemble member, at the measurements' size.
-    Each is fitted to the measurements [m] on its own; the answer is their median.
+    Each is fitted to the measurements [m] on its own; the answer is their median. noise: how
+    closely the answer meets the measurements. assumed_noise: of a measurement that is met exactly,
+    for the uncertainty, which is never 0; to DEFAULT_NOISE belong the steps of the file, if known,
+    in metres divided by the square root of 12.
     """
     members = members.float()
-    fit, rejected = _fit(members, sparse_depth, valid_mask, settings.robust, confidence)
+    measured = sparse_depth, valid_mask, confidence
+    fit, rejected, positive = _fit(members, *measured, robust=settings.robust)
     metric = fit.apply(members)
-    depth = median(metric)
-    spread = median((metric - depth).abs()) if len(members) > 1 else None
+    prior = median(metric)
+    spread = median((metric - prior).abs()) if len(members) > 1 else None
     affine = median(members)[None]
-    overall, overall_rejected = (
-        (fit, rejected)
-        if len(members) == 1
-        else _fit(affine, sparse_depth, valid_mask, settings.robust, confidence)
-    )
+    if len(members) > 1:
+        fit, rejected, positive = _fit(affine, *measured, robust=settings.robust)
     floored = torch.zeros_like(valid_mask)
-    if settings.minimum_depth is not None:
-        floored = depth < settings.minimum_depth
-        depth = depth.clamp(min=settings.minimum_depth)
-    trusted = valid_mask
+    if settings.least_share is not None:
+        least = settings.least_share * sparse_depth[valid_mask].median()
+        floored, prior = prior < least, torch.maximum(prior, least)
+    judged = Judgement(valid_mask, torch.zeros_like(valid_mask))
     if settings.robust:
-        trusted = trusted_measurements(depth, sparse_depth, valid_mask)
-    prior = depth
+        judged = judge_measurements(prior, sparse_depth, valid_mask)
+    depth, trusted = prior, judged.trusted
     if settings.consistent:
         depth = agree_with_measurements(
             prior, sparse_depth, trusted, noise=noise, confidence=confidence, image=image
         )
     uncertainty = spread
     if settings.uncertainty is not None:
+        doubt = None if positive is None else positive.doubt(affine)[0]
         uncertainty = estimate_uncertainty(
-            settings.uncertainty, prior, depth, sparse_depth, trusted, spread, noise
+            settings.uncertainty,
+            prior,
+            depth,
+            sparse_depth,
+            trusted,
+            doubt,
+            assumed_noise if noise.exact else noise,
         )
+        # the truth may be what was measured, what is answered, or another
+        contradiction = torch.where(judged.doubted, (sparse_depth - depth).abs() / 2, 0.0)
+        uncertainty = torch.maximum(uncertainty, contradiction)
     return DepthCompletion(
         depth=depth[None],
         uncertainty=None if uncertainty is None else uncertainty[None],
         affine_depth=affine,
-        scale=overall.scale.float(),
-        shift=overall.shift.float(),
-        slope_rejected=overall_rejected,
+        scale=fit.scale.float(),
+        shift=fit.shift.float(),
+        slope_rejected=rejected,
         measured=valid_mask[None],
         trusted=trusted[None],
         floored=floored[None],
+        beyond_range=_beyond(depth, sparse_depth, trusted)[None],
     )
 
 
@@ -99,23 +124,34 @@ def _fit(
     members: Float[Tensor, "members height width"],
     sparse_depth: Float[Tensor, "height width"],
     valid_mask: Bool[Tensor, "height width"],
-    robust: bool,
     confidence: Float[Tensor, "height width"] | None,
-) -> tuple[ScaleShift, Bool[Tensor, " members"]]:
-    """Each member's scale and shift, and where a slope <= 0 gave way to the ratio of means."""
-    usable = valid_mask if confidence is None else valid_mask & (confidence > 0)
-    where = usable.flatten().nonzero()[:, 0]
-    if robust and len(where) > MAX_ROBUST:
-        where = where[torch.linspace(0, len(where) - 1, MAX_ROBUST, device=where.device).long()]
-    source = members.flatten(1)[:, where]
-    target = sparse_depth.flatten()[where].expand_as(source)
-    weights = None if confidence is None else confidence.flatten()[where].expand_as(source)
-    mask = torch.ones_like(source, dtype=torch.bool)
+    *,
+    robust: bool,
+) -> tuple[ScaleShift, Bool[Tensor, " members"], PositiveFit | None]:
+    """Each member's scale and shift, where a slope <= 0 gave way to the ratio of means, and what
+    the robust fit doubts.
+    """
     if robust:
-        fit = fit_scale_shift_robust(source, target, mask, confidence=weights)
-    else:
-        fit = fit_scale_shift(source, target, mask, weights=weights)
-    return fit.where(fit.increasing, ratio_of_means(source, target, mask)), ~fit.increasing
+        positive = fit_positive(members, sparse_depth, valid_mask, confidence=confidence)
+        return positive.map, ~positive.map.increasing, positive
+    source = members.flatten(1)
+    target, mask = (x.flatten().expand_as(source) for x in (sparse_depth, valid_mask))
+    weights = None if confidence is None else confidence.flatten().expand_as(source)
+    usable = mask if weights is None else mask & (weights > 0)
+    fit = fit_scale_shift(source, target, usable, weights=weights)
+    return fit.where(fit.increasing, ratio_of_means(source, target, usable)), ~fit.increasing, None
+
+
+def _beyond(
+    depth: Float[Tensor, "height width"],
+    sparse_depth: Float[Tensor, "height width"],
+    trusted: Bool[Tensor, "height width"],
+) -> Bool[Tensor, "height width"]:
+    """Where depth is BEYOND times farther, or nearer, than all trusted measurements."""
+    if not bool(trusted.any()):
+        return torch.ones_like(trusted)
+    measured = sparse_depth[trusted]
+    return (depth > BEYOND * measured.max()) | (depth < measured.min() / BEYOND)
 
 
 def without_measurements(members: Float[Tensor, "members height width"]) -> DepthCompletion:

@@ -10,9 +10,11 @@ from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.colours import to_8_bits
 from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.geometry import crop_intrinsics
-from steered_marigold.core.notices import Notices
+from steered_marigold.core.notices import Notice, Notices
+from steered_marigold.core.plausibility import plausible_measurements
 from steered_marigold.errors import InputError, SizeMismatchError
 
 # modes of PIL images whose numbers are not red, green and blue, nor grey
@@ -25,8 +27,9 @@ class Frame:
 
     image: RGB in 0..255. sparse_depth: [m], z along the optical axis, 0 where valid_mask is False.
     valid_mask: where depth was measured. confidence: in [0, 1], the weight of each measurement;
-    None: all weigh the same. K: intrinsics [px], if known. id: the frame's name among others.
-    stamp: when it was taken [s], if known.
+    None: all weigh the same. K: intrinsics [px], if known. pose: the camera's place in the world,
+    camera to world, 4x4 [m], if known. id: the frame's name among others. stamp: when it was taken
+    [s], if known.
     missing: how many pixels of the depth that was read count as not measured, by reason.
     notices: what was read otherwise than written, or looks wrong.
     """
@@ -36,6 +39,7 @@ class Frame:
     valid_mask: Bool[Tensor, "height width"]
     confidence: Float[Tensor, "height width"] | None = None
     K: Float[Tensor, "3 3"] | None = None
+    pose: Float[Tensor, "4 4"] | None = None
     id: str = ""
     stamp: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
@@ -74,6 +78,27 @@ class Frame:
             K=K,
         )
 
+    def motion_to(self, later: "Frame") -> Float[Tensor, "4 4"] | None:
+        """Takes points [m] of this camera's frame to the later one's; None without both poses."""
+        if self.pose is None or later.pose is None:
+            return None
+        return (torch.linalg.inv(later.pose.double()) @ self.pose.double()).float()
+
+    def plausible(self) -> "Frame":
+        """Without measurements that can be no depths of one scene, which are counted and said."""
+        found = plausible_measurements(self.sparse_depth, self.valid_mask)
+        counts = {"repeated": found.repeated, "absurd": found.absurd}
+        notices = self.notices
+        if found.repeated:
+            values = " and ".join(f"{value:.4g} m" for value in found.fills)
+            text = f"{found.repeated} measurements of {values} are a fill, not depth: left out"
+            notices += (Notice("fill", text),)
+        if found.absurd:
+            text = f"{found.absurd} measurements are far outside of what all others span: left out"
+            notices += (Notice("absurd", text),)
+        kept = self.keep(found.mask)
+        return replace(kept, missing={**self.missing, **counts}, notices=notices)
+
 
 def make_frame(
     image: Any,
@@ -82,6 +107,7 @@ def make_frame(
     *,
     confidence: Any = None,
     K: Any = None,
+    pose: Any = None,
     id: str = "",
     stamp: float | None = None,
 ) -> Frame:
@@ -90,10 +116,11 @@ def make_frame(
     image: [height, width, 3 or 4], [height, width] or [height, width, 1]; uint8, uint16, or floats
     in 0..1. sparse_depth: [m], [height, width], of any real type; None: nothing was measured.
     valid_mask: bool; None: where depth is finite and positive. confidence: in 0..1. K: 3x3.
+    pose: 4x4, camera to world [m].
 
     Raises InputError or SizeMismatchError, naming the argument, for what is none of these.
     """
-    pixels = rgb_bytes(image)
+    pixels, notices = rgb_bytes(image)
     height, width = pixels.shape[:2]
     if sparse_depth is None:
         depth, valid = torch.zeros(height, width), torch.zeros(height, width, dtype=torch.bool)
@@ -106,20 +133,25 @@ def make_frame(
                 f"`{name}` is {list(values.shape)} but the image {[height, width]} "
                 "(height, width); they must agree"
             )
-    return Frame(
+    frame = Frame(
         image=pixels,
         sparse_depth=depth,
         valid_mask=valid,
         confidence=weights,
         K=None if K is None else check_intrinsics(K),
+        pose=None if pose is None else check_pose(pose),
         id=id,
         stamp=stamp,
-        notices=scale_doubts(depth, valid),
-    )
+        notices=notices,
+    ).plausible()
+    doubts = scale_doubts(frame.sparse_depth, frame.valid_mask)
+    return replace(frame, notices=frame.notices + doubts)
 
 
-def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
-    """RGB in 0..255 from what `make_frame` takes as an image; alpha is dropped.
+def rgb_bytes(image: Any) -> tuple[UInt8[Tensor, "height width 3"], Notices]:
+    """RGB in 0..255 from what `make_frame` takes as an image, and what was stretched for it.
+
+    Alpha is dropped.
 
     Raises InputError, with what to do, for another shape, type or range.
     """
@@ -140,12 +172,12 @@ def rgb_bytes(image: Any) -> UInt8[Tensor, "height width 3"]:
                 "floats must lie in 0..1, or give uint8"
             )
         values = np.rint(values * 255).astype(np.uint8)
-    elif values.dtype == np.uint16:
-        values = (values >> 8).astype(np.uint8)
-    elif values.dtype != np.uint8:
+    elif values.dtype not in (np.uint8, np.uint16):
         raise InputError(f"`image` must be uint8, uint16 or floats in 0..1, not {values.dtype}")
-    colours = values[..., :3] if values.shape[2] >= 3 else values.repeat(3, axis=2)
-    return torch.from_numpy(np.array(colours))
+    values, notices = to_8_bits(values[..., 0] if values.shape[2] == 1 else values[..., :3])
+    if values.ndim == 2:
+        values = values[..., None].repeat(3, axis=2)
+    return torch.from_numpy(np.array(values)), notices
 
 
 def check_intrinsics(K: Any) -> Float[Tensor, "3 3"]:
@@ -157,6 +189,18 @@ def check_intrinsics(K: Any) -> Float[Tensor, "3 3"]:
         matrix[2].tolist() != [0, 0, 1]
     ):
         raise InputError("`K` must be [fx, skew, cx; 0, fy, cy; 0, 0, 1], focal lengths positive")
+    return torch.from_numpy(matrix.astype(np.float32))
+
+
+def check_pose(pose: Any) -> Float[Tensor, "4 4"]:
+    """A pose as float32; InputError unless it is a finite 4x4 with [0, 0, 0, 1] below."""
+    matrix = as_array("pose", pose)
+    if (
+        matrix.shape != (4, 4)
+        or not np.isfinite(matrix).all()
+        or matrix[3].tolist() != [0, 0, 0, 1]
+    ):
+        raise InputError("`pose` must be a finite 4x4 matrix, camera to world, [0, 0, 0, 1] below")
     return torch.from_numpy(matrix.astype(np.float32))
 
 

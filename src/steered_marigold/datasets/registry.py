@@ -8,7 +8,7 @@ from steered_marigold.datasets.kitti import KittiSelection
 from steered_marigold.datasets.nyuv2 import Nyuv2, Nyuv2H5
 from steered_marigold.errors import InputError
 
-DATASETS = ("nyuv2", "nyuv2-h5", "kitti", "folder")
+DATASETS = ("nyuv2", "nyuv2-h5", "kitti", "folder", "recording")
 
 
 def open_dataset(
@@ -32,4 +32,8 @@ def open_dataset(
         return KittiSelection(path)
     if name == "folder":
         return FrameFolder(path, depth_scale=depth_scale, max_depth=max_depth)
+    if name == "recording":
+        from steered_marigold.datasets.recording import RecordingFrames  # needs an extra
+
+        return RecordingFrames(path)
     raise InputError(f"data set {name!r} is not known; use one of {', '.join(DATASETS)}")

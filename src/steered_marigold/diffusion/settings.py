@@ -7,7 +7,8 @@ A knob is a field of `Steering`, `Sampling` or `Finishing` below. From here `fro
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, get_type_hints
+from math import inf
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from steered_marigold.core.finishing import Finishing
 from steered_marigold.core.steering import ConditionAlignment
@@ -16,6 +17,22 @@ from steered_marigold.errors import InputError
 
 # how steering decodes and encodes: by the VAE, `steering_vae`, or a linear map fitted in the run
 SteeringCodec = Literal["exact", "tiny", "linear"]
+
+
+def _require_range(name: str, value: int | float | None, least: int, most: int | float) -> None:
+    """InputError for a number outside of these; None stands for something else."""
+    if value is not None and not (least <= value <= most and value < inf):
+        limits = f"at least {least:g}" if most == inf else f"from {least:g} to {most:g}"
+        raise InputError(f"`{name}` is {value}: it must be {limits}")
+
+
+def _require_choices(group: object) -> None:
+    """InputError for a word that is none of those that a field's type lists."""
+    for name, kind in get_type_hints(type(group)).items():
+        value = getattr(group, name)
+        if get_origin(kind) is Literal and value not in get_args(kind):
+            choices = ", ".join(get_args(kind))
+            raise InputError(f"`{name}` is {value!r}: choose one of {choices}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +55,13 @@ class SteeringKnobs:
     condition_alignment: ConditionAlignment = "least_squares"
     steering_codec: SteeringCodec = "exact"
 
+    def __post_init__(self) -> None:
+        _require_range("steering_strength", self.steering_strength, 0, inf)
+        _require_range("neighborhood_px", self.neighborhood_px, 0, inf)
+        _require_range("anchor_fraction", self.anchor_fraction, 0, 1)
+        _require_range("max_anchors", self.max_anchors, 1, inf)
+        _require_choices(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingKnobs:
@@ -56,6 +80,11 @@ class SamplingKnobs:
     mirror: bool = False
     continuation: bool = False
     processing_resolution: int | None = None
+
+    def __post_init__(self) -> None:
+        _require_range("num_inference_steps", self.num_inference_steps, 1, inf)
+        _require_range("ensemble_size", self.ensemble_size, 1, inf)
+        _require_range("processing_resolution", self.processing_resolution, 0, inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +106,8 @@ class Preset:
     scheduler: class name (None: the checkpoint's own) and settings that a local scheduler takes
     instead of the checkpoint's; None leaves the pipeline's scheduler as it is.
     prompt_tokens: length that the empty prompt is padded to, or None for no padding.
-    minimum_depth: positive lower bound [m], or None (then depth may be negative).
+    least_share: lower bound of depth as a share of the median measured depth, or None (then depth
+    may be negative).
     uncertainty: the calibrated model for answers made consistent, or None: the members' spread.
     dtype: the models' precision where nobody asks for one, by name; "auto" is the device's fastest.
     """
@@ -87,7 +117,7 @@ class Preset:
     finishing: FinishingKnobs = field(default_factory=FinishingKnobs)
     scheduler: tuple[str | None, Mapping[str, Any]] | None = None
     prompt_tokens: int | None = None
-    minimum_depth: float | None = None
+    least_share: float | None = None
     uncertainty: UncertaintyModel | None = None
     dtype: str = "float32"
 
@@ -112,7 +142,7 @@ class Preset:
         return Finishing(
             robust=self.finishing.robust,
             consistent=self.finishing.consistent,
-            minimum_depth=self.minimum_depth,
+            least_share=self.least_share,
             uncertainty=self.uncertainty,
         )
 
@@ -152,7 +182,16 @@ PAPER_MINMAX = PAPER.override(condition_alignment="minmax")
 
 # coverage of the 90 % interval on the tune split (docs/method.md)
 CALIBRATED = UncertaintyModel(
-    near=0.005, reach=0.7, length=0.03, extrapolation=3.0, spread=1.5, relief=12.0
+    near=0.006,
+    reach=0.36,
+    drift=0.275,
+    length=0.024,
+    origin=0.7,
+    moved=0.72,
+    farther=0.193,
+    nearer=0.371,
+    relief=14.9,
+    by_kind=(0.715, 1.02, 1.9, 1.85),
 )
 # Unsteered: next to the consistency solve, steering made the erased area worse on the embedded
 # checkpoint (docs/method.md has the figures). steering_strength turns it on.
@@ -160,7 +199,7 @@ DEFAULT = Preset(
     steering=SteeringKnobs(max_anchors=4000, condition_alignment="minmax", steering_codec="linear"),
     sampling=SamplingKnobs(ensemble_size=2, mirror=True, continuation=True),
     finishing=FinishingKnobs(robust=True, consistent=True),
-    minimum_depth=0.05,
+    least_share=0.02,
     uncertainty=CALIBRATED,
     dtype="auto",
 )

@@ -9,7 +9,8 @@ from torch import Tensor
 from steered_marigold.datasets.kitti import DEPTH_SCALE as KITTI_SCALE
 from steered_marigold.errors import FileFormatError
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.io.depth_maps import MILLIMETRE, read_depth, write_depth
+from steered_marigold.io.depth_encodings import MILLIMETRE
+from steered_marigold.io.depth_maps import read_depth, write_depth
 from steered_marigold.io.files import create_folder
 
 _LARGEST_CODE = 65534  # one below what sensors write for "out of range"

@@ -1,57 +1,33 @@
 """The direction of steering in an early and a late step (the paper's Fig. 4)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.figure import Figure
-from torch import Generator, Tensor
+from torch import Generator
 
-from steered_marigold.diffusion.codec import DepthCodec
 from steered_marigold.evaluation.pictures import sparse_picture, truth_picture
 from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.methods.steered import SteeredCompleter
+from steered_marigold.methods.steering_steps import SteeringStep, StepRecorder
 from steered_marigold.pictures.colours import robust_range
 from steered_marigold.pictures.grids import panels, show, show_depth
-
-
-@dataclass(frozen=True)
-class SteeringStep:
-    """One denoising step, of the first ensemble member, on the processing grid.
-
-    predicted: x0D, the decoded prediction, in [-1, 1]. target: x0D - phi1 + phi2, where steering
-    moves it.
-    """
-
-    timestep: int
-    predicted: Float[Tensor, "height width"]
-    target: Float[Tensor, "height width"]
 
 
 def record_steering(
     completer: SteeredCompleter, frame: PreparedFrame, *, generator: Generator
 ) -> list[SteeringStep]:
     """The steps of one completion; none if the completer does not steer."""
-    steps: list[SteeringStep] = []
-
-    def on_step_end(
-        pipe: Any, step: int, timestep: Tensor, tensors: dict[str, Any]
-    ) -> dict[str, Any]:
-        if tensors["steering_target"] is not None:
-            predicted = DepthCodec(pipe.vae).decode(tensors["predicted_x0"][:1])
-            maps = (x[0].float().cpu() for x in (predicted, tensors["steering_target"]))
-            steps.append(SteeringStep(int(timestep), *maps))
-        return {}
-
+    if not completer.steers:
+        return []
+    recorder = StepRecorder()
     completer.run(
         frame.shown,
         generator,
-        callback_on_step_end=on_step_end,
-        callback_on_step_end_tensor_inputs=("predicted_x0", "steering_target"),
+        callback_on_step_end=recorder,
+        callback_on_step_end_tensor_inputs=recorder.tensor_inputs,
     )
-    return steps
+    return recorder.steps
 
 
 def steering_figure(frame: PreparedFrame, steps: Sequence[SteeringStep]) -> Figure:

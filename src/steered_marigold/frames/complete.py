@@ -13,6 +13,10 @@ from steered_marigold.core.notices import Notice
 from steered_marigold.errors import InputError
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
+# shares of all pixels, and of the measurements, from which a person is told
+NOTEWORTHY = 0.01
+CONTRADICTORY = 0.1
+
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
@@ -82,6 +86,9 @@ def complete_frame(
         "trusted": int(completion.trusted.sum()),
         "untrusted": int((completion.measured & ~completion.trusted).sum()),
         "floored": 0 if completion.floored is None else int(completion.floored.sum()),
+        "beyond_range": 0
+        if completion.beyond_range is None
+        else int(completion.beyond_range.sum()),
         "too_uncertain": int(too_uncertain.sum()),
         "treated_as_missing": dict(frame.missing) or None,
     }
@@ -103,12 +110,32 @@ def require_uncertainty(completion: DepthCompletion) -> torch.Tensor:
 
 def _doubts(completion: DepthCompletion) -> list[Notice]:
     """What the answer itself says against it."""
+    doubts = []
     if completion.slope_rejected is not None and completion.slope_rejected.any():
         text = (
             "the measurements contradict the depth seen in the image; the scale is a ratio of means"
         )
-        return [Notice("slope_rejected", text)]
-    return []
+        doubts.append(Notice("slope_rejected", text))
+    for kind, mask, what in (
+        ("floored", completion.floored, "was raised to the least depth that is believed"),
+        ("beyond_range", completion.beyond_range, "lies far outside of what was measured"),
+    ):
+        share = 0.0 if mask is None else float(mask.float().mean())
+        if share > NOTEWORTHY:
+            text = (
+                f"{share:.0%} of the depth {what}; its uncertainty says how little is known there"
+            )
+            doubts.append(Notice(kind, text))
+    untrusted = completion.measured & ~completion.trusted
+    share = float(untrusted.sum()) / max(int(completion.measured.sum()), 1)
+    if share > CONTRADICTORY:
+        text = f"{share:.0%} of the measurements contradict the others or the image: left out"
+        doubts.append(Notice("contradictory", text))
+    return doubts
+
+
+def _count(mask: torch.Tensor | None) -> int:
+    return 0 if mask is None else int(mask.sum())
 
 
 def _to_cpu(completion: DepthCompletion) -> DepthCompletion:

@@ -10,8 +10,8 @@ from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import InputError
 from steered_marigold.frames.complete import require_uncertainty
 from steered_marigold.frames.sources import FrameFiles
+from steered_marigold.io.depth_encodings import MILLIMETRE
 from steered_marigold.io.depth_maps import (
-    MILLIMETRE,
     WRITABLE_DEPTH_SUFFIXES,
     write_depth,
     write_saturating,

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.notices import Notice
-from steered_marigold.core.registration import register_depth, register_depth_camera
+from steered_marigold.datasets.recording import recorded_frame
 from steered_marigold.errors import SteeredMarigoldError
 from steered_marigold.frames.complete import Record, complete_frame
 from steered_marigold.frames.outputs import Outputs, save
@@ -38,38 +37,6 @@ class Tally:
 
 
 OnFrame = Callable[[Record | None, Tally], None]
-
-
-def recorded_frame(recorded: RecordedFrame) -> Frame:
-    """A frame of a recording, decoded; its id is its stamp in nanoseconds.
-
-    Raises FileFormatError if a message is damaged, InputError if depth does not fit the image.
-    """
-    decoded = recorded.decode()
-    height, width = decoded.image.shape[:2]
-    depth, valid_mask = decoded.depth, decoded.valid_mask
-    if decoded.extrinsics is not None and decoded.K is not None and decoded.depth_K is not None:
-        moved = register_depth_camera(
-            depth,
-            valid_mask,
-            depth_K=decoded.depth_K,
-            image_K=decoded.K,
-            extrinsics=decoded.extrinsics,
-            size=(height, width),
-        )
-        depth, valid_mask = moved.depth, moved.valid_mask
-    elif depth.shape != (height, width):
-        moved = register_depth(depth, valid_mask, (height, width))
-        depth, valid_mask = moved.depth, moved.valid_mask
-    return Frame(
-        image=decoded.image,
-        sparse_depth=depth,
-        valid_mask=valid_mask,
-        K=decoded.K,
-        id=str(recorded.stamp_ns),
-        stamp=recorded.stamp_s,
-        notices=scale_doubts(depth, valid_mask),
-    )
 
 
 def complete_recording(

@@ -1,6 +1,6 @@
 """Where frames come from: one frame's files, or folders of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -9,13 +9,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from steered_marigold.core.doubts import (
-    inversion_doubts,
-    require_another_image,
-    scale_doubts,
-)
+from steered_marigold.core.doubts import require_another_image, scale_doubts
 from steered_marigold.core.edge_agreement import misalignment_doubts
 from steered_marigold.core.frame import Frame
+from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.core.registration import (
     Registration,
     register_depth,
@@ -23,7 +20,7 @@ from steered_marigold.core.registration import (
 )
 from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
 from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES, read_confidence
-from steered_marigold.io.depth_files import DEPTH_SUFFIXES
+from steered_marigold.io.depth_files import is_depth_name, require_other_file
 from steered_marigold.io.depth_maps import DepthMap, read_depth
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import Intrinsics
@@ -119,13 +116,13 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
     for folder in folders.given():
         if not folder.is_dir():
             raise InputError(f"{folder}: {folders.image} is a folder, so this must be one too")
-    images = _files(folders.image, IMAGE_SUFFIXES)
+    images = _files(folders.image, _with_suffix(IMAGE_SUFFIXES))
     if folders.depth is None:
         files = {path.stem: FrameFiles(image=path) for path in images}
         return FileSource(files=files, reading=reading)
     pairing = pair_files(
         images,
-        _files(folders.depth, DEPTH_SUFFIXES),
+        _files(folders.depth, is_depth_name),
         slop=reading.slop,
         associations=reading.associations,
     )
@@ -133,7 +130,7 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
     lone = pairing.unpaired
     if folders.confidence is not None:
         depths = [depth for _, depth in pairing.pairs]
-        weights = pair_files(depths, _files(folders.confidence, CONFIDENCE_SUFFIXES))
+        weights = pair_files(depths, _files(folders.confidence, _with_suffix(CONFIDENCE_SUFFIXES)))
         of_depth = dict(weights.pairs)
         without = [frame for frame in files.values() if frame.depth not in of_depth]
         lone += tuple(frame.image for frame in without)
@@ -147,8 +144,8 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
 
 def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None) -> Frame:
     """The frame's files, checked against each other; InputError where they cannot be used."""
-    if files.depth is not None and files.depth.resolve() == files.image.resolve():
-        raise InputError(f"{files.image}: is given as the image and as its depth map; name both")
+    if files.depth is not None:
+        require_other_file(files.image, files.depth)
     image = read_image(files.image)
     size = image.pixels.shape[0], image.pixels.shape[1]
     K, notices, pixels = None, image.notes, image.pixels
@@ -197,18 +194,20 @@ def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -
         require_another_image(frame.image, depth, valid_mask)
     except InputError as error:
         raise InputError(f"{files.image}: {error}") from error
-    doubts = scale_doubts(depth, valid_mask)
-    if not doubts:  # a wrong unit explains the others
-        doubts = inversion_doubts(depth, valid_mask)
-        doubts += misalignment_doubts(frame.image, depth, valid_mask)
-    return replace(
+    frame = replace(
         frame,
         sparse_depth=depth,
         valid_mask=valid_mask,
         confidence=confidence,
         missing=measured.missing,
-        notices=frame.notices + notices + doubts,
-    )
+        notices=frame.notices + notices,
+    ).plausible()
+    depth, valid_mask = frame.sparse_depth, frame.valid_mask
+    doubts = scale_doubts(depth, valid_mask)
+    if not doubts:  # a wrong unit explains the others
+        doubts = inversion_doubts(depth, valid_mask)
+        doubts += misalignment_doubts(frame.image, depth, valid_mask)
+    return replace(frame, notices=frame.notices + doubts)
 
 
 def _register(frame: Frame, measured: DepthMap, reading: Reading) -> Registration | None:
@@ -247,12 +246,14 @@ def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) ->
     return measured
 
 
-def _files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+def _with_suffix(suffixes: Sequence[str]) -> Callable[[str], bool]:
+    return lambda name: Path(name).suffix.lower() in suffixes
+
+
+def _files(folder: Path, wanted: Callable[[str], bool]) -> list[Path]:
     """The folder's visible files of these kinds."""
     return sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+        path for path in folder.iterdir() if wanted(path.name) and not path.name.startswith(".")
     )
 
 

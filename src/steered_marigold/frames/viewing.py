@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import torch
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.errors import MissingExtraError
+from steered_marigold.frames.sources import FrameFiles, Reading, folder_source, read_frame
+from steered_marigold.io.depth_maps import read_depth
 from steered_marigold.io.files import atomic_write, require_suffix
 from steered_marigold.io.point_clouds import point_cloud
 from steered_marigold.methods.completer import DepthCompleter
@@ -80,6 +83,46 @@ class ViewedCompleter(DepthCompleter):
         answer = self._completer.answer(frame, generator=generator, relative=relative)
         self._viewing.add(frame, answer)
         return answer
+
+
+def written_results(
+    files: FrameFiles, dense: Path, uncertainty: Path | None, reading: Reading
+) -> Iterator[tuple[Frame, DepthCompletion]]:
+    """Results that were written before, as frames and completions; files, or folders of them.
+
+    files.depth: what had been measured, or None. Raises InputError for what cannot be read.
+    """
+    if files.image.is_dir():
+        answers = folder_source(replace(files, depth=dense), reading)
+        given = folder_source(files, reading) if files.depth is not None else answers
+        sigmas = _by_image(files.image, uncertainty, reading)
+        for frame_id in answers.ids:
+            found = answers.files[frame_id]
+            before = replace(found, depth=given.files[frame_id].depth if files.depth else None)
+            yield _written_result(before, found.depth or dense, sigmas.get(frame_id), reading)
+    else:
+        yield _written_result(files, dense, uncertainty, reading)
+
+
+def _by_image(images: Path, folder: Path | None, reading: Reading) -> dict[str, Path]:
+    """The files of a folder by the id of the image that they belong to."""
+    if folder is None:
+        return {}
+    pairs = folder_source(FrameFiles(image=images, depth=folder), reading).files
+    return {frame_id: files.depth for frame_id, files in pairs.items() if files.depth is not None}
+
+
+def _written_result(
+    files: FrameFiles, dense: Path, uncertainty: Path | None, reading: Reading
+) -> tuple[Frame, DepthCompletion]:
+    frame = read_frame(files, reading)
+    answer = read_depth(dense)
+    sigma = None if uncertainty is None else read_depth(uncertainty).depth[None]
+    measured = frame.valid_mask[None]
+    completion = DepthCompletion(
+        depth=answer.depth[None], measured=measured, trusted=measured, uncertainty=sigma
+    )
+    return frame, completion
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError

@@ -70,7 +70,8 @@ def to_numbers(path: Path, array: NDArray[Any], encoding: str) -> tuple[NDArray[
     if encoding in _BYTES:
         return _from_bytes(path, array, encoding), ()
     notes: Notices = ()
-    if array.ndim == 3 and array.shape[2] in (2, 3, 4):
+    can_hold_depth = array.dtype.itemsize > 1 or encoding == "disparity"
+    if array.ndim == 3 and array.shape[2] in (2, 3, 4) and can_hold_depth:
         channels = array[..., :1] if array.shape[2] == 2 else array[..., :3]
         if array.shape[2] > 2 and np.array_equal(
             channels, np.broadcast_to(channels[..., :1], channels.shape), equal_nan=_is_float(array)
@@ -85,7 +86,7 @@ def to_numbers(path: Path, array: NDArray[Any], encoding: str) -> tuple[NDArray[
         )
     if array.ndim != 2 or array.size == 0:
         raise FileFormatError(f"{path}: has shape {array.shape}; depth is [height, width]")
-    if array.dtype.kind not in "fui" or (array.dtype.itemsize == 1 and encoding != "disparity"):
+    if array.dtype.kind not in "fui" or not can_hold_depth:
         raise FileFormatError(
             f"{path}: holds {array.dtype}; metric depth needs 16-bit integers or floats "
             "(the 256 levels of 8 bits are a picture of depth, not metres)"
@@ -100,6 +101,7 @@ def to_numbers(path: Path, array: NDArray[Any], encoding: str) -> tuple[NDArray[
 
 
 def to_metres(
+    path: Path,
     numbers: NDArray[Any],
     encoding: str,
     *,
@@ -115,7 +117,7 @@ def to_metres(
     if depth_scale is None and not is_float and encoding in ("disparity", "inverse"):
         unit = "pixels" if encoding == "disparity" else "1/m"
         raise InputError(
-            f"the file holds integers: `depth_scale` must tell their unit in {unit}, such as "
+            f"{path}: holds integers: `depth_scale` must tell their unit in {unit}, such as "
             "1/256 as KITTI writes disparity, or 1/16 as OpenCV does"
         )
     default = 1.0 if is_float or encoding == "carla" else MILLIMETRE

@@ -17,9 +17,7 @@ from steered_marigold.core.notices import Notices
 from steered_marigold.errors import InputError
 from steered_marigold.io.code_doubts import code_doubts
 from steered_marigold.io.depth_encodings import (
-    MILLIMETRE as MILLIMETRE,
-)
-from steered_marigold.io.depth_encodings import (
+    MILLIMETRE,
     require_encoding,
     to_metres,
     to_numbers,
@@ -80,7 +78,9 @@ def read_depth(
     require_encoding(depth_encoding, depth_scale=depth_scale, K=K, baseline=baseline)
     stored = load_depth_file(path)
     numbers, notes = to_numbers(Path(path), stored, depth_encoding)
-    metres = to_metres(numbers, depth_encoding, depth_scale=depth_scale, K=K, baseline=baseline)
+    metres = to_metres(
+        Path(path), numbers, depth_encoding, depth_scale=depth_scale, K=K, baseline=baseline
+    )
     reasons = _reasons_for_missing(numbers, metres, max_depth or np.inf)
     valid = ~np.any(list(reasons.values()), axis=0)
     doubts = code_doubts(numbers) if depth_encoding in ("z", "tum", "kitti") else ()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from steered_marigold.core.colours import FULL_RANGE, to_8_bits
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError
 from steered_marigold.io.files import (
@@ -36,8 +37,6 @@ _TURNS = {
     6: "turned by 90 degrees clockwise", 7: "transposed and turned by 180 degrees",
     8: "turned by 90 degrees counterclockwise",
 }  # fmt: skip
-_FULL_RANGE = 65535
-_SENSOR_BITS = (10, 12, 14)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +67,9 @@ def read_image(path: AnyPath) -> ColorImage:
         with decoding(path):
             if picture.mode == "F":
                 raise FileFormatError(f"{path}: holds floats; the image must have 8 or 16 bits")
-            pixels, largest = _unfolded(path, picture), _FULL_RANGE
+            pixels, largest = _unfolded(path, picture), FULL_RANGE
             orientation = _orientation(path, picture)
-    pixels, notes = _to_8_bits(pixels, largest)
+    pixels, notes = to_8_bits(pixels, largest)
     if orientation in _TURNS:
         if picture.format != "TIFF":  # decoders turn these themselves
             pixels = _turned(pixels, orientation)
@@ -106,30 +105,6 @@ def _unfolded(path: Path, picture: Image.Image) -> NDArray[Any]:
     if picture.mode in ("P", "PA"):
         picture = picture.convert("RGBA")  # a palette may hold transparency
     return np.asarray(picture.convert("RGB"))
-
-
-def _to_8_bits(pixels: NDArray[Any], largest: int) -> tuple[NDArray[np.uint8], Notices]:
-    """The codes as 0..255, and what was stretched for it. largest: the code of white."""
-    if pixels.dtype == np.uint8:
-        return pixels, ()
-    if pixels.ndim == 2:
-        grey = pixels.astype(np.float32)
-        white = max(float(np.percentile(grey, 99.9)), 1.0)
-        stretched = np.rint(np.clip(grey / white, 0, 1) * 255).astype(np.uint8)
-        text = f"The 16-bit grey image was stretched so that its value {white:.0f} is white."
-        return stretched, (Notice("grey_stretched", text),)
-    if largest != _FULL_RANGE:
-        return np.rint(pixels * (255 / largest)).astype(np.uint8), ()
-    brightest = int(pixels.max())
-    bits = next((bits for bits in _SENSOR_BITS if brightest < 2**bits), 16)
-    notes: Notices = ()
-    if bits < 16:
-        text = (
-            f"The colours use {bits} of their 16 bits (the largest is {brightest}) and were read "
-            f"as {bits}-bit."
-        )
-        notes = (Notice("colour_stretched", text),)
-    return (pixels >> (bits - 8)).astype(np.uint8), notes
 
 
 def _orientation(path: Path, picture: Image.Image) -> int:

@@ -42,7 +42,7 @@ class SteeredCompleter(DepthCompleter):
         self.steers = chosen.steering.steering_strength != 0
         steps = chosen.sampling.num_inference_steps
         self.num_inference_steps: int = steps or pipeline.default_denoising_steps
-        self._call = {"preset": chosen, "sensor_noise": sensor_noise}
+        self._call: dict[str, Any] = {"preset": chosen, "sensor_noise": sensor_noise}
         pipeline.set_progress_bar_config(disable=not progress, leave=False)
 
     @classmethod
@@ -87,6 +87,12 @@ class SteeredCompleter(DepthCompleter):
         """The models' precision."""
         dtype: torch.dtype = self.pipeline.dtype
         return dtype
+
+    def count_steps(self, frame: Frame) -> int:
+        """How many denoising steps the frame takes, with those of a second pass."""
+        continues = self._call["preset"].sampling.continuation
+        twice = continues and self.pipeline.config.continues_known and frame.measured
+        return self.num_inference_steps * (2 if twice else 1)
 
     def describe(self) -> dict[str, Any]:
         return super().describe() | {

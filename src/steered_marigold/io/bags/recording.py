@@ -107,7 +107,8 @@ class Recording:
     """An opened recording; `open_recording` makes one.
 
     topics: all there are. image_topic, depth_topic, info_topic, depth_info_topic: those in use;
-    the last two are None where there is none. extrinsics: as in DecodedFrame.
+    the last two are None where there is none. extrinsics: as in DecodedFrame. start_ns: stamp of
+    the first depth.
     """
 
     def __init__(
@@ -149,7 +150,7 @@ class Recording:
         first_image, first_depth = first(self.image_topic), first(self.depth_topic)
         if first_image is None or first_depth is None:
             raise FileFormatError(f"{self.path}: its index lists messages that are not there")
-        self._start_ns = _stamp_of(first_depth)
+        self.start_ns = _stamp_of(first_depth)
         self._depth_scale = self._realsense_depth_scale()
         self.extrinsics = self._find_extrinsics(first_image, first_depth)
 
@@ -242,7 +243,7 @@ class FrameStream:
     ) -> None:
         self._recording, self._every = recording, every
         self._slop_ns = round(slop * NANOSECONDS)
-        first_ns = recording._start_ns + round(start * NANOSECONDS)
+        first_ns = recording.start_ns + round(start * NANOSECONDS)
         self._start_ns = first_ns if start else 0
         self._end_ns = 2**63 if duration is None else first_ns + round(duration * NANOSECONDS)
         self._pairer: StampPairer[tuple[Message, int, dict[str, Camera | None]]] = StampPairer(
