@@ -49,6 +49,7 @@ LEAST_ERROR = 1e-4  # of depth, for the logarithm
 START = UncertaintyModel(
     near=0.006,
     reach=0.5,
+    drift=0.2,
     length=0.03,
     origin=1.0,
     moved=0.5,

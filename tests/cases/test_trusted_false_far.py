@@ -1,14 +1,24 @@
-"""Readings of 65 m on a wet floor are noticed as a second kind of number."""
+"""Readings of 65 m on a wet floor were trusted, with an uncertainty of 0."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-from steered_marigold.core.doubts import scale_doubts
-from steered_marigold.io.depth_maps import read_depth
+from steered_marigold import create_method
+from steered_marigold.frames.sources import FrameFiles, Reading, read_frame
+
+FAR_M = 40.0
+FLOOR_FROM = 115  # row
 
 
 def test_the_case(case: Callable[[str], Path]) -> None:
-    read = read_depth(case("trusted_false_far") / "depth.png")
-    notices = scale_doubts(read.depth, read.valid_mask)
-    assert [notice.kind for notice in notices] == ["second_mode"]
-    assert "`max_depth`" in notices[0].text
+    folder = case("trusted_false_far")
+    files = FrameFiles(image=folder / "rgb.jpg", depth=folder / "depth.png")
+    frame = read_frame(files, Reading())
+    completion = create_method("fast", dtype="float32").answer(frame)
+    false = frame.sparse_depth > FAR_M
+    false[:FLOOR_FROM] = False  # above is the sky
+    assert int(false.sum()) > 900
+    assert int((false & completion.trusted[0]).sum()) < 0.1 * int(false.sum())
+    assert completion.uncertainty is not None
+    assert float(completion.uncertainty.min()) > 0
+    assert float(completion.uncertainty[0][false].median()) > 1.0

@@ -39,18 +39,6 @@ def test_nothing_measured_is_not_suspicious() -> None:
     assert inversion_doubts(nothing, nothing > 0) == ()
 
 
-def test_a_second_kind_of_number_among_depths() -> None:
-    depth = _room()
-    assert scale_doubts(depth, depth > 0) == ()
-    depth[:30, :40] = 65.525
-    (notice,) = scale_doubts(depth, depth > 0)
-    assert notice.kind == "second_mode"
-    assert "1200 measurements lie near 65.5" in notice.text
-    assert "`max_depth`" in notice.text
-    depth[:, 100:] = 30  # a view out of a window is no such number
-    assert scale_doubts(depth, depth > 0) == ()
-
-
 def test_disparity_and_inverse_depth() -> None:
     depth = _room()
     assert inversion_doubts(depth, depth > 0) == ()

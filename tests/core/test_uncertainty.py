@@ -6,11 +6,16 @@ import pytest
 import torch
 
 from steered_marigold.core.consistency import SensorNoise
-from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty, mean_steps
+from steered_marigold.core.uncertainty import (
+    DEFAULT_NOISE,
+    UncertaintyModel,
+    estimate_uncertainty,
+    mean_steps,
+)
 
 MODEL = UncertaintyModel(
-    near=0.01, reach=0.8, length=0.05, origin=0.5, moved=0.4, farther=2.0, nearer=1.0, relief=6.0,
-    by_kind=(1.0, 1.5, 2.0, 3.0),
+    near=0.01, reach=0.8, drift=0.3, length=0.05, origin=0.5, moved=0.4, farther=2.0,
+    nearer=1.0, relief=6.0, by_kind=(1.0, 1.5, 2.0, 3.0),
 )  # fmt: skip
 DEPTH = torch.full((30, 40), 2.0)
 
@@ -21,9 +26,9 @@ def estimate(
     prior: torch.Tensor = DEPTH * 1.1,
     depth: torch.Tensor = DEPTH,
     doubt: torch.Tensor | None = None,
-    noise: SensorNoise | None = None,
+    noise: SensorNoise = DEFAULT_NOISE,
 ) -> torch.Tensor:
-    return estimate_uncertainty(MODEL, prior, depth, DEPTH, trusted, doubt, noise or SensorNoise())
+    return estimate_uncertainty(MODEL, prior, depth, DEPTH, trusted, doubt, noise)
 
 
 @pytest.fixture
@@ -36,7 +41,7 @@ def trusted() -> torch.Tensor:
 def test_the_formula(trusted: torch.Tensor) -> None:
     far = 1 - math.exp(-((math.hypot(5, 12) / 50 / 0.05) ** 1.5))
     disagreement = math.sqrt((math.log(1.1) ** 2 + 3 * 0.2**2) / 4)
-    terms = (0.8 * disagreement, 0.5 * 0.3, 0.4 * math.log(1.1))
+    terms = (0.8 * disagreement, 0.3 * 13 / 50, 0.5 * 0.3, 0.4 * math.log(1.1))
     relative = 1.5 * math.sqrt(0.01**2 + far * sum(term**2 for term in terms))
     result = estimate(trusted, doubt=torch.full_like(DEPTH, 0.3))
     assert result[20, 22].item() == pytest.approx(2 * math.hypot(relative, 0.002), rel=1e-5)
@@ -46,19 +51,19 @@ def test_beyond_the_measured_range(trusted: torch.Tensor) -> None:
     for ratio, factor, kind in ((2.0, 2.0, 2), (0.5, 1.0, 3)):
         result = estimate(trusted, prior=DEPTH * ratio, depth=DEPTH * ratio)
         disagreement = math.sqrt((math.log(2) ** 2 + 3 * 0.2**2) / 4)
-        terms = (0.8 * disagreement, factor * math.log(2))
+        terms = (0.8 * disagreement, 0.3 * math.hypot(14, 29) / 50, factor * math.log(2))
         relative = MODEL.by_kind[kind] * math.sqrt(0.01**2 + sum(term**2 for term in terms))
         expected = 2 * ratio * math.hypot(relative, 0.002)
         assert result[29, 39].item() == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_hole_with_measurements_on_all_sides_is_surer() -> None:
-    ring = torch.ones(30, 40, dtype=torch.bool)
-    ring[5:25, 5:35] = False
-    open_to_the_right = ring.clone()
-    open_to_the_right[5:25, 35:] = False
-    inside, beside = estimate(ring), estimate(open_to_the_right)
-    assert float(inside[15, 10]) < float(beside[15, 10])
+def test_between_measurements_it_is_surer_than_beside_them() -> None:
+    left = torch.zeros(30, 40, dtype=torch.bool)
+    left[:, :5] = True
+    both = left.clone()
+    both[:, 35:] = True
+    beside, inside = (estimate(trusted)[15, 10] for trusted in (left, both))
+    assert float(beside / inside) == pytest.approx(1.5, rel=0.03)
 
 
 def test_a_fit_that_few_measurements_confirm_is_less_sure(trusted: torch.Tensor) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import gradio as gr
 
 from steered_marigold.app.inputs import SAMPLES, Disk
+from steered_marigold.app.meshes import BACKGROUND
 from steered_marigold.diffusion.settings import PRESETS
 from steered_marigold.io.depth_encodings import DEPTH_ENCODINGS
 from steered_marigold.io.depth_files import DEPTH_SUFFIXES
@@ -283,7 +284,8 @@ def _scene() -> dict[str, Any]:
         scene = gr.Model3D(
             show_label=False,
             height=520,
-            clear_color=(0.965, 0.965, 0.965, 1.0),
+            clear_color=(*(c / 255 for c in BACKGROUND), 1.0),
+            camera_position=(90, 80, None),
             interactive=False,
             elem_id="scene",
         )

@@ -16,7 +16,7 @@ from steered_marigold.io.files import atomic_write
 
 _LONGEST_SIDE = 320  # vertices; the picture on them keeps all its pixels
 _EDGE = 0.06  # neighbours whose depths differ by a larger share do not touch
-_BACKGROUND = 246  # grey that uncertain points fade into
+BACKGROUND = (40, 46, 56)  # behind the surface; uncertain points fade into it
 _FIELD_OF_VIEW = 60.0  # degrees across the image, where nobody tells the camera
 
 
@@ -47,7 +47,7 @@ def write_mesh(
     if uncertainty is not None and most_uncertain is not None:
         shown = shown & (uncertainty <= most_uncertain)
         share = (2 * uncertainty.numpy() / most_uncertain - 1).clip(0, 1)[..., None]
-        picture = np.rint(picture * (1 - share) + _BACKGROUND * share).astype(np.uint8)
+        picture = np.rint(picture * (1 - share) + np.array(BACKGROUND) * share).astype(np.uint8)
     points = unproject(depth, K)[::step, ::step]
     faces = _faces(depth[::step, ::step], shown[::step, ::step])
     height, width = points.shape[:2]

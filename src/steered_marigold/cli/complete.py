@@ -3,7 +3,9 @@
 import json
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,13 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
+from steered_marigold.cli.engines import Count, EngineName, counted, make_engine
 from steered_marigold.cli.messages import say, say_error, warn_of
 from steered_marigold.cli.options import Dtype, option_panel
 from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
-    from steered_marigold.batch.local import JobSettings, Plan
+    from steered_marigold.batch.engines import Engine
+    from steered_marigold.batch.job import JobSettings, Plan
     from steered_marigold.frames.outputs import Outputs
     from steered_marigold.frames.sources import FrameFiles, Reading
     from steered_marigold.methods.completer import DepthCompleter
@@ -27,6 +31,7 @@ Show = Callable[[dict[str, Any]], None]
 _write = option_panel("What to write")
 _read = option_panel("How to read the files")
 _method = option_panel("How to complete")
+_many = option_panel("Many frames")
 _PRESETS = "the preset's"
 
 
@@ -76,9 +81,6 @@ def complete(
     ] = None,
     as_json: Annotated[
         bool, _write("--json", help="Print one JSON record a frame on stdout, all else on stderr.")
-    ] = False,
-    overwrite: Annotated[
-        bool, _write("--overwrite", help="Redo the frames of a folder that have their results.")
     ] = False,
     depth_scale: Annotated[
         float | None,
@@ -183,13 +185,36 @@ def complete(
         list[str] | None,
         _method("--set", help="Any other knob of docs/api.md, as anchor_fraction=0.1; repeatable."),
     ] = None,
+    overwrite: Annotated[
+        bool, _many("--overwrite", help="Redo the frames of a folder that have their results.")
+    ] = False,
+    workers: Annotated[int, _many(min=1, help="Processes, each with a model of its own.")] = 1,
+    threads: Annotated[
+        int | None,
+        _many(
+            min=1,
+            help="Of each worker, on CPUs. The same number gives the same bytes on any engine.",
+            show_default="the cores, divided",
+        ),
+    ] = None,
+    engine: Annotated[
+        EngineName, _many(help="ray: a cluster, see docs/scale.md.")
+    ] = EngineName.LOCAL,
+    ray_address: Annotated[
+        str | None, _many(help="Of the cluster.", show_default="one of this machine")
+    ] = None,
+    actors: Annotated[
+        int | None,
+        _many(min=1, help="Models on the cluster.", show_default="its GPUs, or CPUs but one"),
+    ] = None,
 ) -> None:
     """Complete the depth of a frame, or of two folders of frames.
 
     Depth is z along the optical axis, in metres. See docs/complete.md for cameras, conventions
     and the JSON record.
     """
-    from steered_marigold.batch.local import JobSettings, plan
+    from steered_marigold.batch.job import JobSettings, plan
+    from steered_marigold.batch.manifest import describe_model, describe_settings, threads_before
     from steered_marigold.diffusion.settings import KNOBS
     from steered_marigold.frames.outputs import Outputs
     from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
@@ -253,7 +278,16 @@ def complete(
     show = _print_json if as_json else _print_paths
     if many:
         todo = plan(folder_source(inputs, reading), outputs, suffix=suffix, overwrite=overwrite)
-        _complete_folders(todo, settings, model, show)
+        where = make_engine(
+            engine,
+            workers=workers,
+            threads=threads or threads_before(outputs.depth),
+            ray_address=ray_address,
+            actors=actors,
+        )
+        how = describe_model(model) | {"threads": where.threads}
+        described = describe_settings(inputs, reading, settings, how, suffix)
+        _complete_folders(todo, settings, model, described, where, show, overwrite=overwrite)
     else:
         outputs = outputs.in_folders(image.stem, suffix)
         outputs.require_distinct(inputs)
@@ -271,41 +305,51 @@ def _complete_one(
     show: "Show",
 ) -> None:
     """One frame; bad input is told before the model is loaded."""
-    from steered_marigold.batch.local import complete_to_files
+    from steered_marigold.batch.job import complete_to_files
     from steered_marigold.frames.sources import read_frame
 
     frame = read_frame(inputs, reading)
-    completer, load_seconds = _load(model, progress=sys.stderr.isatty())
+    started = perf_counter()
+    completer = _load(model, progress=sys.stderr.isatty())
+    load_seconds = round(perf_counter() - started, 4)
     record = complete_to_files(completer, frame, inputs, outputs, settings)
     warn_of(inputs.image, record)
     show(record.to_json() | {"load_seconds": load_seconds})
 
 
 def _complete_folders(
-    todo: "Plan", settings: "JobSettings", model: dict[str, Any], show: "Show"
+    todo: "Plan",
+    settings: "JobSettings",
+    model: dict[str, Any],
+    described: dict[str, Any],
+    engine: "Engine",
+    show: "Show",
+    *,
+    overwrite: bool,
 ) -> None:
     """Many frames; exit code 1 if one failed."""
-    from steered_marigold.batch.local import complete_all
+    from steered_marigold.batch.run import complete_all
 
     if todo.source.rule:
         say(f"{len(todo.source.files)} frames, paired by {todo.source.rule}")
     for path in todo.source.lone:
         say_error(f"{path}: belongs to no pair")
-    failed, count = len(todo.source.lone), len(todo.frames)
-    completer, load_seconds = _load(model, progress=False) if todo.frames else (None, 0.0)
-    outcomes = complete_all(completer, todo, settings) if completer else iter(())
-    with progress_bar("completing", count) as bar:
+    count, total = Count(skipped=todo.skipped, failed=len(todo.source.lone)), len(todo.frames)
+    load = partial(_load, model)
+    outcomes = complete_all(load, todo, settings, described, engine=engine, overwrite=overwrite)
+    with counted(count), closing(outcomes), progress_bar("completing", total) as bar:
         for done, outcome in enumerate(outcomes, start=1):
             if outcome.record is None:
                 say_error(f"{outcome.frame}: {outcome.error}")
-                failed += 1
+                count.failed += 1
             else:
+                count.completed += 1
                 warn_of(outcome.frame, outcome.record)
-                show(outcome.record.to_json() | {"load_seconds": load_seconds})
-            bar(done, count, "completing")
-    done = len(todo.frames) + len(todo.source.lone) - failed
-    say(f"{done} completed, {todo.skipped} skipped, {failed} failed")
-    if failed:
+                show(outcome.record.to_json())
+            bar(done, total, f"completing, {count.failed} failed" if count.failed else "completing")
+            if outcome.ends_run:
+                say_error(f"the run ends here, {total - done} frames are left")
+    if count.failed:
         raise typer.Exit(1)
 
 
@@ -322,13 +366,11 @@ def _parse_sensor_noise(text: str) -> Any:
     return SensorNoise(fraction=amount / 100) if text.endswith("%") else SensorNoise(metres=amount)
 
 
-def _load(model: dict[str, Any], *, progress: bool) -> tuple["DepthCompleter", float]:
-    """The completer, and the seconds that its import and its weights took."""
-    started = perf_counter()
+def _load(model: dict[str, Any], *, progress: bool = False) -> "DepthCompleter":
+    """The completer; imports it only now."""
     from steered_marigold.methods.steered import SteeredCompleter
 
-    completer = SteeredCompleter.from_checkpoint(**model, progress=progress)
-    return completer, round(perf_counter() - started, 4)
+    return SteeredCompleter.from_checkpoint(**model, progress=progress)
 
 
 def _print_json(record: dict[str, Any]) -> None:

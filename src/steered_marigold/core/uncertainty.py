@@ -11,7 +11,8 @@ from torch import Tensor
 
 from steered_marigold.core.consistency import SensorNoise
 
-# what a sensor's depth is worth where nobody says: 0.2 % of it, next to the steps of its file
+# what a sensor's depth is worth where nobody says, next to the steps of its file: structured light
+# and time of flight reach 0.2 % of depth at their best
 DEFAULT_NOISE = SensorNoise(fraction=0.002)
 # side of the window of `steps`, as a share of the image's diagonal
 STEPS_WINDOW = 0.04
@@ -26,10 +27,11 @@ SAMPLE = 20_000  # measurements that tell the range, evenly spread
 # it is cut elsewhere
 BEYOND_SHARE = 0.3
 DEEP = 0.03
+BLOCKS = 16  # of an image's height, and of its width; finer ones miss the rows of sparse samples
 
 
 class Hole(IntEnum):
-    """Where a pixel lies. INSIDE: measured to its left, right, above and below. BESIDE: not so.
+    """Where a pixel lies. INSIDE: between measurements in its row or column of BLOCKS. BESIDE: not.
 
     FARTHER, NEARER: in an image whose holes lie beyond the measured range.
     """
@@ -42,8 +44,9 @@ class Hole(IntEnum):
 
 @dataclass(frozen=True)
 class UncertaintyModel:
-    """sigma^2 = sensor^2 + depth^2 by_kind^2 (near^2 + far ((reach D)^2 + (origin doubt)^2
-    + (moved |log depth - log prior|)^2 + (farther f)^2 + (nearer n)^2) + far^2 (relief steps)^2),
+    """sigma^2 = sensor^2 + depth^2 by_kind^2 (near^2 + far ((reach D)^2 + (drift distance)^2
+    + (origin doubt)^2 + (moved |log depth - log prior|)^2 + (farther f)^2 + (nearer n)^2)
+    + far^2 (relief steps)^2),
 
     far = 1 - exp(-(distance / length)^1.5).
 
@@ -54,13 +57,14 @@ class UncertaintyModel:
     range. steps: mean difference of the prior's log depth between neighbours around a pixel: where
     depth jumps, it jumps elsewhere.
 
-    near: relative error beside a measurement. length: a share of the image's diagonal. by_kind: a
-    factor for each kind of `Hole`, such that 90 % of the errors on the tune frames lie within the
-    90 % interval.
+    near: relative error beside a measurement. distance, length: shares of the image's diagonal.
+    by_kind: a factor for each kind of `Hole`, such that 90 % of the errors on the tune frames lie
+    within the 90 % interval.
     """
 
     near: float
     reach: float
+    drift: float
     length: float
     origin: float
     moved: float
@@ -132,12 +136,12 @@ def estimate_uncertainty(
 
     prior, depth: metric depth before and after it was made to agree with the measurements, of
     which there is at least one trusted. doubt: of the prior's log depth for want of its origin.
-    noise: the sensor's; exact stands for unknown, DEFAULT_NOISE. Multiplying prior, depth and
-    measurements by a number multiplies the result by it, if the noise is a fraction.
+    noise: the sensor's, not 0. Multiplying prior, depth and measurements by a number multiplies the
+    result by it, if the noise is a fraction of depth.
     """
     around = circumstances(prior, depth, sparse_depth, trusted, doubt)
     relative = relative_uncertainty(model, around) * (~trusted)
-    sensor = (DEFAULT_NOISE if noise.exact else noise).relative(depth)
+    sensor = noise.relative(depth)
     return depth * (relative.square() + sensor.square()).sqrt()
 
 
@@ -148,6 +152,7 @@ def relative_uncertainty(
     far = 1 - torch.exp(-((around.distance / model.length) ** 1.5))
     reach = (
         (model.reach * around.disagreement).square()
+        + (model.drift * around.distance).square()
         + (model.origin * around.doubt).square()
         + (model.moved * around.moved).square()
         + (model.farther * around.farther).square()
@@ -170,11 +175,14 @@ def _kinds(
         if max(shares) > BEYOND_SHARE:
             kind = Hole.FARTHER if shares[0] >= shares[1] else Hole.NEARER
             return torch.full_like(trusted, int(kind), dtype=torch.long)
-    seen = trusted.to(torch.uint8)
-    before = [seen.cummax(dim).values for dim in (0, 1)]
-    after = [seen.flip(dim).cummax(dim).values.flip(dim) for dim in (0, 1)]
-    around = torch.stack(before + after).bool().all(dim=0)
-    return torch.where(around, int(Hole.INSIDE), int(Hole.BESIDE))
+    seen = F.adaptive_max_pool2d(trusted.float()[None], BLOCKS)[0]
+    across, along = (
+        seen.cummax(dim).values * seen.flip(dim).cummax(dim).values.flip(dim) for dim in (1, 0)
+    )
+    between = torch.maximum(across, along)[None, None]
+    height, width = trusted.shape
+    inside = F.interpolate(between, size=(height, width), mode="nearest")[0, 0] > 0
+    return torch.where(inside, int(Hole.INSIDE), int(Hole.BESIDE))
 
 
 def mean_steps(

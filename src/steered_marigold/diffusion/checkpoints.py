@@ -1,6 +1,5 @@
 """A checkpoint's name to a loaded pipeline: "embedded", a local folder, or a hub id."""
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,12 +11,11 @@ import torch
 from diffusers.utils import logging as diffusers_logging
 from transformers.utils import logging as transformers_logging
 
+from steered_marigold.diffusion.checkpoint_files import CLASSES, read_index
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import CheckpointError, InputError
 
 EMBEDDED = "embedded"
-MODELS = ("unet", "vae", "text_encoder")
-COMPONENTS = (*MODELS, "scheduler", "tokenizer")
 # a hub that does not answer must not keep anyone waiting
 HUB_TIMEOUT_S = 10
 DTYPES = ("auto", "float32", "bfloat16", "float16")
@@ -33,27 +31,26 @@ def load_pipeline(
     """The pipeline of a checkpoint, on a device (None: CUDA, then MPS, then CPU).
 
     checkpoint: "embedded", a folder in Marigold's layout, or a hub id such as
-    "prs-eth/marigold-depth-v1-1". Only safetensors are read, and no code is run from a checkpoint.
+    "prs-eth/marigold-depth-v1-1". Only safetensors are read, no code is run from a checkpoint, and
+    only the classes of `checkpoint_files.CLASSES` are loaded.
     dtype: or its name; "auto" is `fastest_dtype` of the device. compiled: run the U-Net and the
     decoder through `torch.compile`; the first images of each size then take minutes.
 
     Raises CheckpointError if it is missing, incomplete, has pickled weights only, or is no depth
     checkpoint; InputError for a device that this machine does not have, or an unknown dtype.
     """
-    target = default_device() if device is None else _device(device)
+    target = parse_device(device)
     precision = parse_dtype(dtype, target)
-    folder = _folder(checkpoint)
-    _check_folder(folder, checkpoint)
+    folder = checkpoint_folder(checkpoint)
+    classes, settings = read_index(folder, checkpoint)
     try:
         with _quietly():
-            pipeline: SteeredMarigoldPipeline = SteeredMarigoldPipeline.from_pretrained(
-                folder,
-                dtype=precision,
-                use_safetensors=True,
-                local_files_only=True,
-            )
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
-        raise CheckpointError(f"checkpoint {checkpoint} cannot be loaded: {error}") from error
+            parts = {name: _load(kind, folder / name, precision) for name, kind in classes.items()}
+            pipeline = SteeredMarigoldPipeline(**parts, **settings)
+            _try_scheduler(pipeline.scheduler)
+    except Exception as error:  # the libraries raise everything from KeyError to SafetensorError
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise CheckpointError(f"checkpoint {checkpoint} cannot be loaded: {reason}") from error
     pipeline.to(target)
     for model in filter(None, (pipeline.unet, pipeline.vae, pipeline.image_encoder)):
         model.to(memory_format=torch.channels_last)
@@ -63,19 +60,44 @@ def load_pipeline(
     return pipeline
 
 
+def _load(kind: type[Any], folder: Path, dtype: torch.dtype) -> Any:
+    """A component of a listed class; CheckpointError if weights are missing in its files."""
+    if not hasattr(kind, "load_state_dict"):  # a tokenizer or a scheduler
+        return kind.from_pretrained(folder, local_files_only=True)
+    model, told = kind.from_pretrained(  # type: ignore[attr-defined]
+        folder, dtype=dtype, use_safetensors=True, local_files_only=True, output_loading_info=True
+    )
+    lacking = sorted(told["missing_keys"]) + sorted(map(str, told["mismatched_keys"]))
+    if lacking:
+        raise CheckpointError(
+            f"{len(lacking)} weights of {folder.name!r} are missing or of another shape, such as "
+            f"{lacking[0]}"
+        )
+    return model.eval()
+
+
+def _try_scheduler(scheduler: Any) -> None:
+    """One step on nothing: raises what a damaged configuration makes it raise."""
+    nothing = torch.zeros(1, 1, 1, 1)
+    scheduler = type(scheduler).from_config(scheduler.config)
+    scheduler.set_timesteps(1)
+    scheduler.step(nothing, scheduler.timesteps[0], nothing, return_dict=True)
+
+
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Without the libraries' progress bars: stderr is the caller's."""
-    shown = [
-        library
-        for library in (diffusers_logging, transformers_logging)
-        if library.is_progress_bar_enabled()
-    ]
-    for library in shown:
+    """Without the libraries' progress bars and reports: stderr is the caller's."""
+    libraries = (diffusers_logging, transformers_logging)
+    shown = [library for library in libraries if library.is_progress_bar_enabled()]
+    levels = [library.get_verbosity() for library in libraries]
+    for library in libraries:
         library.disable_progress_bar()
+        library.set_verbosity(library.CRITICAL)
     try:
         yield
     finally:
+        for library, level in zip(libraries, levels, strict=True):
+            library.set_verbosity(level)
         for library in shown:
             library.enable_progress_bar()
 
@@ -107,7 +129,10 @@ def default_device() -> torch.device:
     return torch.device("mps" if torch.backends.mps.is_available() else "cpu")
 
 
-def _device(device: str | torch.device) -> torch.device:
+def parse_device(device: str | torch.device | None) -> torch.device:
+    """None is the best there is; InputError for one that this machine does not have."""
+    if device is None:
+        return default_device()
     try:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError) as error:
@@ -116,8 +141,11 @@ def _device(device: str | torch.device) -> torch.device:
     return torch.device(device)
 
 
-def _folder(checkpoint: str) -> Path:
-    """The local folder of a checkpoint; a hub id is downloaded first."""
+def checkpoint_folder(checkpoint: str) -> Path:
+    """The local folder of a checkpoint; a hub id is downloaded first.
+
+    Raises CheckpointError if there is none.
+    """
     if checkpoint == EMBEDDED:
         return Path(str(files("steered_marigold") / "assets" / "checkpoint"))
     if Path(checkpoint).is_dir():
@@ -129,9 +157,8 @@ def _folder(checkpoint: str) -> Path:
     os.environ.setdefault("HF_HUB_DOWNLOAD_TIMEOUT", str(HUB_TIMEOUT_S))
     from huggingface_hub import snapshot_download
 
-    patterns = ["model_index.json", *(f"{c}/*.json" for c in COMPONENTS)]
-    patterns += [f"{c}/*.safetensors" for c in MODELS]
-    patterns += ["tokenizer/*", "image_encoder/*.json", "image_encoder/*.safetensors"]
+    patterns = ["model_index.json", "tokenizer/*"]
+    patterns += [f"{c}/*.{kind}" for c in CLASSES for kind in ("json", "safetensors")]
     try:
         return Path(
             snapshot_download(checkpoint, allow_patterns=patterns, etag_timeout=HUB_TIMEOUT_S)
@@ -143,30 +170,3 @@ def _folder(checkpoint: str) -> Path:
             f"({type(error).__name__}: {reason[0] if reason else 'no answer'}); "
             f"check the name and the network, or use `checkpoint={EMBEDDED}`"
         ) from error
-
-
-def _check_folder(folder: Path, checkpoint: str) -> None:
-    """Names what a checkpoint folder lacks before diffusers trips over it."""
-    index_file = folder / "model_index.json"
-    if not index_file.is_file():
-        raise CheckpointError(f"checkpoint {checkpoint} has no model_index.json in {folder}")
-    try:
-        index: dict[str, Any] = json.loads(index_file.read_text())
-    except ValueError as error:
-        raise CheckpointError(f"{index_file} is not valid JSON: {error}") from error
-    for component in COMPONENTS:
-        if component not in index or not (folder / component).is_dir():
-            raise CheckpointError(f"checkpoint {checkpoint} has no component {component!r}")
-    models = [*MODELS, *(["image_encoder"] if index.get("image_encoder", [None])[0] else [])]
-    for model in models:
-        if list((folder / model).glob("*.safetensors")):
-            continue
-        pickled = [p.name for p in (folder / model).glob("*.bin")]
-        found = f"only {pickled[0]}, a pickle, which is never loaded" if pickled else "no weights"
-        raise CheckpointError(
-            f"checkpoint {checkpoint} has no safetensors in {model!r} (found {found})"
-        )
-    if index.get("prediction_type") not in (None, "depth"):
-        raise CheckpointError(
-            f"checkpoint {checkpoint} predicts {index['prediction_type']}, not depth"
-        )

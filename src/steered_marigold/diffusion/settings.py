@@ -183,14 +183,15 @@ PAPER_MINMAX = PAPER.override(condition_alignment="minmax")
 # coverage of the 90 % interval on the tune split (docs/method.md)
 CALIBRATED = UncertaintyModel(
     near=0.006,
-    reach=0.485,
-    length=0.0325,
-    origin=0.82,
-    moved=0.755,
-    farther=0.234,
-    nearer=0.43,
-    relief=14.6,
-    by_kind=(0.742, 1.054, 1.69, 1.615),
+    reach=0.36,
+    drift=0.275,
+    length=0.024,
+    origin=0.7,
+    moved=0.72,
+    farther=0.193,
+    nearer=0.371,
+    relief=14.9,
+    by_kind=(0.715, 1.02, 1.9, 1.85),
 )
 # Unsteered: next to the consistency solve, steering made the erased area worse on the embedded
 # checkpoint (docs/method.md has the figures). steering_strength turns it on.

@@ -134,6 +134,10 @@ def _doubts(completion: DepthCompletion) -> list[Notice]:
     return doubts
 
 
+def _count(mask: torch.Tensor | None) -> int:
+    return 0 if mask is None else int(mask.sum())
+
+
 def _to_cpu(completion: DepthCompletion) -> DepthCompletion:
     moved: dict[str, Any] = {k: v.cpu() for k, v in vars(completion).items() if torch.is_tensor(v)}
     return replace(completion, **moved)

@@ -6,14 +6,8 @@ import pytest
 import torch
 from PIL import Image
 
-from steered_marigold.batch.local import (
-    JobSettings,
-    Outcome,
-    Plan,
-    complete_all,
-    complete_to_files,
-    plan,
-)
+from steered_marigold.batch.job import JobSettings, Outcome, Plan, complete_to_files, plan
+from steered_marigold.batch.run import complete_all
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.errors import InputError
@@ -23,6 +17,7 @@ from steered_marigold.methods.completer import DepthCompleter
 from tests.frames.completers import NearestCompleter
 
 SETTINGS = JobSettings(seed=5)
+HOW = {"completing": {"seed": 5}}
 Folders = tuple[Path, Path]
 
 
@@ -33,9 +28,11 @@ def _plan(
     return plan(source, Outputs(depth=out, **more), suffix=suffix, overwrite=overwrite)
 
 
-def _run(completer: DepthCompleter, todo: Plan) -> tuple[list[str], list[Outcome]]:
+def _run(
+    completer: DepthCompleter, todo: Plan, *, overwrite: bool = False
+) -> tuple[list[str], list[Outcome]]:
     """The names of the files that were written, and the outcomes that failed."""
-    outcomes = list(complete_all(completer, todo, SETTINGS))
+    outcomes = list(complete_all(lambda: completer, todo, SETTINGS, HOW, overwrite=overwrite))
     done = [Path(x.record.values["output"]).name for x in outcomes if x.record is not None]
     return done, [x for x in outcomes if x.error is not None]
 
@@ -75,7 +72,7 @@ def test_results_are_kept_unless_they_shall_be_overwritten(
     assert _run(completer, todo) == (["0001.png"], [])
     assert (out / "0002.png").read_text() == "mine"
     todo = _plan(frame_folders, out, overwrite=True)
-    assert (len(_run(completer, todo)[0]), todo.skipped) == (3, 0)
+    assert (len(_run(completer, todo, overwrite=True)[0]), todo.skipped) == (3, 0)
 
 
 def test_a_result_is_missing_while_any_of_its_files_is(
@@ -100,7 +97,7 @@ def test_bad_frames_are_named_and_counted_and_the_others_done(
     assert todo.source.lone == (depths / "0004.png", images / "0003.png")
     done, failed = _run(completer, todo)
     assert done == ["0001.png"]
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["0001.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [".run", "0001.png"]
     assert [outcome.frame for outcome in failed] == [
         str(images / "0000.png"),
         str(images / "0002.png"),
