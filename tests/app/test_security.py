@@ -43,9 +43,7 @@ def _ask(*, local: bool, **headers: str) -> tuple[int, dict[bytes, bytes]]:
         (403, False, {"host": "lab.example", "origin": "https://evil.example"}),
     ],
 )
-def test_only_its_own_origin_is_answered(
-    status: int, local: bool, headers: dict[str, str]
-) -> None:
+def test_only_its_own_origin_is_answered(status: int, local: bool, headers: dict[str, str]) -> None:
     answered, sent = _ask(local=local, **headers)
     assert answered == status
     if status == 200:

@@ -36,11 +36,12 @@ def write_mesh(
     *,
     uncertainty: Float[Tensor, "height width"] | None = None,
     most_uncertain: float | None = None,
-) -> int:
-    """Writes a .glb, y up, with triangles between neighbours that are no depth edge; their number.
+) -> float:
+    """Writes a .glb, y up, with triangles between neighbours that are no depth edge.
 
-    most_uncertain: points whose uncertainty [m] is larger are left out, and those above half of it
-    fade. Depth [m] of 0 is unknown. Raises InputError if `path` cannot be written.
+    Returns how far the camera was from the middle of what is shown [m]. most_uncertain: points
+    whose uncertainty [m] is larger are left out, and those above half of it fade. Depth [m] of 0 is
+    unknown. Raises InputError if `path` cannot be written.
     """
     step = -(-max(depth.shape) // _LONGEST_SIDE)
     shown, picture = depth > 0, image.numpy()
@@ -71,7 +72,7 @@ def write_mesh(
     mesh.remove_unreferenced_vertices()
     with atomic_write(path) as temporary:
         temporary.write_bytes(mesh.export(file_type="glb"))
-    return len(faces)
+    return float(-mesh.bounds[:, 2].mean()) if len(faces) else 0.0
 
 
 def _faces(

@@ -167,8 +167,12 @@ class _Wiring:
         def scene(session: Session, most_uncertain: float) -> Updates:
             if session.completed is None:
                 return {}
-            path, note = self.actions.mesh(session, most_uncertain)
-            return {page.scene: str(path), page.scene_note: note}
+            path, distance, note = self.actions.mesh(session, most_uncertain)
+            seen_from = (90, 85, distance or None)  # where the camera was, a little higher
+            return {
+                page.scene: gr.update(value=str(path), camera_position=seen_from),
+                page.scene_note: note,
+            }
 
         def downloads(session: Session) -> Updates:
             if session.completed is None:
