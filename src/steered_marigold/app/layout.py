@@ -284,7 +284,7 @@ def _scene() -> dict[str, Any]:
         scene = gr.Model3D(
             show_label=False,
             height=520,
-            clear_color=(*(c / 255 for c in BACKGROUND), 1.0),
+            clear_color=_clear_colour(),
             interactive=False,
             elem_id="scene",
         )
@@ -300,6 +300,11 @@ def _scene() -> dict[str, Any]:
         )
         note = gr.HTML("")
     return {"scene_tab": tab, "scene": scene, "certainty": certainty, "scene_note": note}
+
+
+def _clear_colour() -> tuple[float, float, float, float]:
+    red, green, blue = (c / 255 for c in BACKGROUND)
+    return red, green, blue, 1.0
 
 
 def _method() -> dict[str, Any]:
