@@ -245,7 +245,7 @@ def test_a_narrow_window_shows_everything_below_each_other(visit: Visit) -> None
     visitor.open_sample("Room")
     visitor.complete()
     assert visitor.page.evaluate("document.documentElement.scrollWidth") <= 400
-    left = {s.bounding_box()["x"] for s in visitor.page.locator(".viewer .stage").all()}  # type: ignore[index]
+    left = {s.bounding_box()["x"] for s in visitor.page.locator(".viewer .stage").all()}
     assert len(left) == 1
 
 
