@@ -15,6 +15,28 @@ async def _answers(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": b"the page"})
 
 
+async def _echoes(scope: Any, receive: Any, send: Any) -> None:
+    message = await receive()
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": message["body"]})
+
+
+def _post(body: bytes, path: str = "/gradio_api/queue/join") -> tuple[int, bytes]:
+    """Status and body of the answer to a request in two parts."""
+    sent: list[Any] = []
+    parts = [body[:5], body[5:]]
+
+    async def receive() -> Any:
+        return {"type": "http.request", "body": parts.pop(0), "more_body": bool(parts)}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": "http", "method": "POST", "path": path, "headers": [(b"host", b"localhost")]}
+    asyncio.run(SameOrigin(_echoes, local=True)(scope, receive, send))
+    return sent[0]["status"], sent[1]["body"]
+
+
 def _ask(*, local: bool, **headers: str) -> tuple[int, dict[bytes, bytes]]:
     """Status and headers of the answer to a request with these headers."""
     sent: list[Any] = []
@@ -50,6 +72,16 @@ def test_only_its_own_origin_is_answered(status: int, local: bool, headers: dict
         policy = sent[b"content-security-policy"].decode()
         assert "default-src 'self'" in policy
         assert "http" not in policy
+
+
+def test_the_server_fetches_nothing_for_a_visitor() -> None:
+    own = b'{"data": [{"path": "/tmp/x.png", "url": "http://localhost/file=/tmp/x.png"}, "a://b"]}'
+    assert _post(own) == (200, own)
+    assert _post(b"username=a&password=b", "/login") == (200, b"username=a&password=b")
+    for file in ('{"path": "http://a.example/x"}', '{"path": "\\u0068ttps://a.example/x"}'):
+        assert _post(f'{{"data": [[{file}]]}}'.encode())[0] == 403
+    for path in ("/gradio_api/file=http://a.example/x", "/gradio_api/proxy=http://a.example/x"):
+        assert _post(b"{}", path)[0] == 403
 
 
 def test_accounts_are_read_and_checked(tmp_path: Path) -> None:

@@ -17,10 +17,13 @@ def test_each_visitor_has_a_folder_of_its_own_that_ends_with_the_visit(tmp_path:
     assert (first.folder.stat().st_mode & 0o077) == 0
     upload = tmp_path / "upload.png"
     upload.write_text("x")
-    kept = first.keep(upload)
+    kept = first.keep(upload, "image")
     assert kept.is_relative_to(first.folder)
     assert not upload.exists()
-    assert first.keep(kept) == kept
+    assert first.keep(kept, "image") == kept
+    upload.write_text("y")
+    assert first.keep(upload, "depth") != kept
+    assert kept.read_text() == "x"
     visitors.close("a")
     assert not first.folder.exists()
     assert first.stop.is_set()

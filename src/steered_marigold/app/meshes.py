@@ -1,6 +1,7 @@
 """A completed frame as a surface that a browser can turn: binary glTF."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,11 +37,12 @@ def write_mesh(
     *,
     uncertainty: Float[Tensor, "height width"] | None = None,
     most_uncertain: float | None = None,
-) -> int:
-    """Writes a .glb, y up, with triangles between neighbours that are no depth edge; their number.
+) -> float:
+    """Writes a .glb, y up, with triangles between neighbours that are no depth edge.
 
-    most_uncertain: points whose uncertainty [m] is larger are left out, and those above half of it
-    fade. Depth [m] of 0 is unknown. Raises InputError if `path` cannot be written.
+    Returns how far the camera was from the middle of what is shown [m]. most_uncertain: points
+    whose uncertainty [m] is larger are left out, and those above half of it fade. Depth [m] of 0 is
+    unknown. Raises InputError if `path` cannot be written.
     """
     step = -(-max(depth.shape) // _LONGEST_SIDE)
     shown, picture = depth > 0, image.numpy()
@@ -54,7 +56,7 @@ def write_mesh(
     v, u = np.mgrid[0:height, 0:width]
     uv = np.stack([(u * step + 0.5) / depth.shape[1], 1 - (v * step + 0.5) / depth.shape[0]], -1)
     # a surface that shines by itself looks as the image does, whatever the light
-    material = PBRMaterial(
+    material = PBRMaterial(  # type: ignore[no-untyped-call]
         emissiveTexture=Image.fromarray(picture),
         emissiveFactor=[1.0, 1.0, 1.0],
         baseColorFactor=[0, 0, 0, 255],
@@ -65,13 +67,14 @@ def write_mesh(
     mesh = trimesh.Trimesh(
         vertices=points.reshape(-1, 3).numpy() * (1, -1, -1),
         faces=faces,
-        visual=TextureVisuals(uv=uv.reshape(-1, 2), material=material),
+        visual=TextureVisuals(uv=uv.reshape(-1, 2), material=material),  # type: ignore[no-untyped-call]
         process=False,
     )
     mesh.remove_unreferenced_vertices()
     with atomic_write(path) as temporary:
-        temporary.write_bytes(mesh.export(file_type="glb"))
-    return len(faces)
+        content: Any = mesh.export(file_type="glb")
+        temporary.write_bytes(content)
+    return float(-mesh.bounds[:, 2].mean()) if len(faces) else 0.0
 
 
 def _faces(
