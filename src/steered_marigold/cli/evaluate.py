@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from steered_marigold.cli.engines import EngineName, make_engine
+from steered_marigold.cli.engines import Count, EngineName, counted, make_engine
 from steered_marigold.cli.messages import say_error, say_warning
 from steered_marigold.cli.options import Dtype, option_panel
 from steered_marigold.cli.progress import progress_bar
@@ -203,11 +203,15 @@ def _run_with_progress(settings: "RunSettings", folder: Path, **how: Any) -> "Ru
     from steered_marigold.evaluation.results import ImageResult
     from steered_marigold.evaluation.runner import run_evaluation
 
-    with progress_bar("evaluating") as bar:
+    count = Count()
+    with counted(count), progress_bar("evaluating") as bar:
 
         def on_result(result: ImageResult, done: int, total: int) -> None:
             bar(done, total, result.method)
             if result.error:
+                count.failed += 1
                 say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
+            else:
+                count.completed += 1
 
         return run_evaluation(settings, folder, on_result=on_result, warn=say_warning, **how)

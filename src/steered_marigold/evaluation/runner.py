@@ -126,8 +126,8 @@ def run_evaluation(
 
     A run that was stopped goes on where it was; images that failed are tried again. More frames
     or methods may be added to a folder, all else must be the same. engine: None is this process;
-    `create` must be picklable for others. `keep_predictions`: see `Predictions`. `on_result` gets each result,
-    how many are done, and of how many; `warn` a sentence for each method that is left out.
+    `create` must be picklable for others. `keep_predictions`: see `Predictions`. `on_result` gets
+    each result, how many are done, and of how many; `warn` a sentence for each method left out.
 
     Raises InputError if the folder holds another run (unless `overwrite`), CheckpointError if no
     method can run, SteeredMarigoldError if a worker dies before it is ready.
