@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := src tests rooms training benchmarks examples
 
-.PHONY: demo test check docs format bench faults sbom
+.PHONY: demo test check docs format bench
 
 # one environment, one stamp per set of requirements
 $(VENV)/.user: pyproject.toml constraints.txt
@@ -40,10 +40,3 @@ bench: $(VENV)/.user
 	$(BIN)/python -m benchmarks.waiting
 	$(BIN)/python -m benchmarks.performance
 	$(BIN)/python -m benchmarks.growth
-
-# the long form of the tests that break things: 10 000 damaged files, 50 kills, a million entries
-faults: $(VENV)/.dev
-	FAULTS=10000 $(BIN)/python -m pytest -q -m "slow or not slow" tests/faults tests/batch
-
-sbom: $(VENV)/.dev
-	$(BIN)/cyclonedx-py environment --output-file sbom.json $(BIN)/python
