@@ -2,12 +2,15 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 import torch
 from diffusers import AutoencoderKL, UNet2DConditionModel
+from safetensors.torch import load_file, save_file
 
+from steered_marigold.diffusion.checkpoint_files import checksum
 from steered_marigold.diffusion.checkpoints import fastest_dtype, load_pipeline
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.errors import CheckpointError, InputError
@@ -118,3 +121,58 @@ def test_stable_diffusion_2_shapes() -> None:
         velocity = unet(both, t, encoder_hidden_states=text, return_dict=False)[0]
         assert velocity.shape == latents.shape == (1, 4, 56, 76)
         assert vae.decode(velocity, return_dict=False)[0].shape == (1, 3, 448, 608)
+
+
+@pytest.mark.parametrize(
+    ("component", "value"),
+    [
+        ("unet", ["antigravity", "UNet2DConditionModel"]),
+        ("scheduler", ["evil_module", "Scheduler"]),
+        ("image_encoder", ["evil_module", "ImageEncoder"]),
+        ("vae", ["diffusers", "FluxTransformer2DModel"]),
+        ("safety_checker", ["evil_module", "Checker"]),
+        ("tokenizer", "CLIPTokenizer"),
+        ("vae", ["diffusers", ["AutoencoderKL"]]),
+    ],
+)
+def test_only_listed_classes_are_loaded(
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    component: str,
+    value: object,
+) -> None:
+    """A module of the name that an index gives is not even imported."""
+    (tmp_path / "evil_module.py").write_text("raise SystemExit('imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    index = json.loads((folder / "model_index.json").read_text())
+    (folder / "model_index.json").write_text(json.dumps(index | {component: value}))
+    with pytest.raises(CheckpointError, match=component):
+        load_pipeline(str(folder), device="cpu")
+    assert not {"evil_module", "antigravity"} & set(sys.modules)
+
+
+@pytest.mark.parametrize("key", ["auto_map", "quantization_config"])
+def test_configurations_that_fetch_code_are_refused(folder: Path, key: str) -> None:
+    path = folder / "unet" / "config.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: {"AutoModel": "x.Y"}}))
+    with pytest.raises(CheckpointError, match=f"{key} is never followed"):
+        load_pipeline(str(folder), device="cpu")
+
+
+def test_weights_under_another_name_are_missed(folder: Path) -> None:
+    """Else they would be random numbers."""
+    (path,) = (folder / "vae").glob("*.safetensors")
+    weights = load_file(path)
+    weights["other.weight"] = weights.pop("encoder.conv_in.weight")
+    save_file(weights, path)
+    with pytest.raises(CheckpointError, match=r"1 weights of 'vae' .* encoder\.conv_in\.weight"):
+        load_pipeline(str(folder), device="cpu")
+
+
+def test_a_checksum_is_of_contents_wherever_they_lie(folder: Path, tmp_path: Path) -> None:
+    before = checksum(folder)
+    assert checksum(folder.rename(tmp_path / "moved")) == before
+    config = tmp_path / "moved" / "scheduler" / "scheduler_config.json"
+    config.write_text(config.read_text() + " ")
+    assert checksum(tmp_path / "moved") != before

@@ -7,6 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steered_marigold.batch.engines import LocalEngine
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.evaluation.predictions import Predictions
@@ -92,7 +93,7 @@ def test_labels_stay_readable(tiny: RunSettings, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_run_keeps_every_answer(tiny: RunSettings, tmp_path: Path, workers: int) -> None:
-    run_evaluation(tiny, tmp_path, workers=workers)
+    run_evaluation(tiny, tmp_path, engine=LocalEngine(workers=workers))
     evaluator = Evaluator(tiny)
     for label in tiny.methods:
         for frame_id in tiny.frames:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from steered_marigold.batch.engines import LocalEngine
 from steered_marigold.core.metrics import depth_errors, seam_step
 from steered_marigold.errors import (
     CheckpointError,
@@ -77,7 +78,7 @@ def test_a_stopped_run_resumes_to_the_same_figures(
 
 def test_workers_and_order_change_nothing(tiny: RunSettings, tmp_path: Path) -> None:
     one = run_evaluation(tiny, tmp_path / "one")
-    two = run_evaluation(tiny, tmp_path / "two", workers=2)
+    two = run_evaluation(tiny, tmp_path / "two", engine=LocalEngine(workers=2))
     assert two.threads_per_worker == max(1, torch.get_num_threads() // 2)
     assert figures(one) == figures(two)
     swapped = run_evaluation(replace(tiny, methods=("linear", "nearest")), tmp_path / "swapped")

@@ -18,7 +18,7 @@ DEBUG_VARIABLE = "STEERED_MARIGOLD_DEBUG"
 _CLOSED_PIPE = 128 + 13  # what a shell says of a program that SIGPIPE ended
 
 
-class _OneLineErrors(TyperGroup):
+class OneLineErrors(TyperGroup):
     """Errors become one line and an exit code, whether or not the package foresaw them."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -62,7 +62,7 @@ def _forget_stdout() -> None:
 
 
 app = typer.Typer(
-    cls=_OneLineErrors,
+    cls=OneLineErrors,
     help="Dense metric depth from one image plus whatever depth a sensor managed to measure.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -100,7 +100,6 @@ def _options(
 def main() -> None:
     """The `steered-marigold` command."""
     # names of files may hold bytes that are no UTF-8
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="surrogateescape")
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")
     app(prog_name="steered-marigold")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
+from steered_marigold.cli.engines import Count, counted
 from steered_marigold.cli.messages import say, say_error, warn_of
 from steered_marigold.cli.options import Dtype, option_panel
 from steered_marigold.cli.progress import progress_bar
@@ -100,11 +101,13 @@ def bag(
             completer = ViewedCompleter(completer, stack.enter_context(rerun_log(rerun)))
         how: dict[str, Any] = {"seed": seed, "max_uncertainty": max_uncertainty}
         total = -(-opened.depth_count // every) if duration is None else None
-        with progress_bar("completing", total) as bar:
+        count = Count()
+        with counted(count, resumes=False), progress_bar("completing", total) as bar:
 
             def on_frame(record: "Record | None", tally: "Tally") -> None:
                 if record is not None:
                     warn_of(record.values["frame"], record)
+                count.completed, count.failed = tally.completed, len(tally.failed)
                 bar(tally.completed + len(tally.failed), total, "completing")
 
             if output.endswith("/"):
@@ -125,9 +128,6 @@ def bag(
     for frame_id, error in tally.failed.items():
         say_error(f"{frame_id}: {error}")
     lone = frames.counts
-    say(
-        f"{tally.completed} completed, {len(tally.failed)} failed, unpaired: "
-        f"{lone.unpaired_images} images, {lone.unpaired_depths} depth maps"
-    )
+    say(f"unpaired: {lone.unpaired_images} images, {lone.unpaired_depths} depth maps")
     if tally.failed:
         raise typer.Exit(1)

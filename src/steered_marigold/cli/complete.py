@@ -22,6 +22,7 @@ from steered_marigold.errors import InputError
 if TYPE_CHECKING:
     from steered_marigold.batch.engines import Engine
     from steered_marigold.batch.job import JobSettings, Plan
+    from steered_marigold.batch.manifest import Settings
     from steered_marigold.frames.outputs import Outputs
     from steered_marigold.frames.sources import FrameFiles, Reading
     from steered_marigold.methods.completer import DepthCompleter
@@ -321,7 +322,7 @@ def _complete_folders(
     todo: "Plan",
     settings: "JobSettings",
     model: dict[str, Any],
-    described: dict[str, Any],
+    described: "Settings",
     engine: "Engine",
     show: "Show",
     *,

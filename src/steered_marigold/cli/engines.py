@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -49,29 +49,34 @@ def make_engine(
 
 
 class Count:
-    """What became of a run's frames, as it goes on."""
+    """What became of a run's frames, as it goes on. skipped: None where none can be."""
 
-    def __init__(self, *, skipped: int = 0, failed: int = 0) -> None:
+    def __init__(self, *, skipped: int | None = None, failed: int = 0) -> None:
         self.completed, self.skipped, self.failed = 0, skipped, failed
         self._started = perf_counter()
 
     def __str__(self) -> str:
         seconds = perf_counter() - self._started
         rate = f", {self.completed / seconds:.2g} frames/s" if self.completed else ""
-        return f"{self.completed} completed, {self.skipped} skipped, {self.failed} failed{rate}"
+        skipped = f", {self.skipped} skipped" if self.skipped is not None else ""
+        return f"{self.completed} completed{skipped}, {self.failed} failed{rate}"
 
 
 @contextmanager
-def counted(count: Any) -> Iterator[None]:
-    """Says the count at the end, also where Ctrl-C or SIGTERM is the end (exit codes 130, 143)."""
+def counted(count: Count, *, resumes: bool = True) -> Iterator[None]:
+    """Says the count at the end, also where Ctrl-C or SIGTERM is the end (exit codes 130, 143).
+
+    resumes: whether the same command would go on from there.
+    """
+    rest = "; the same command goes on from here" if resumes else ""
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
     except KeyboardInterrupt:
-        say(f"stopped: {count}; the same command goes on from here")
+        say(f"stopped: {count}{rest}")
         raise
     except _Terminated:
-        say(f"terminated: {count}; the same command goes on from here")
+        say(f"terminated: {count}{rest}")
         raise typer.Exit(TERMINATED) from None
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from steered_marigold.cli.engines import Count, EngineName, counted, make_engine
 from steered_marigold.cli.messages import say_error, say_warning
 from steered_marigold.cli.options import Dtype, option_panel
 from steered_marigold.cli.progress import progress_bar
@@ -80,7 +81,20 @@ def evaluate(
         _protocol("--official-metrics", help="Count negative depth as right, as the authors do."),
     ] = False,
     seed: Annotated[int, _run(min=0, help="Of the samples and of the methods.")] = 0,
-    workers: Annotated[int, _run(min=1, help="Processes.")] = 1,
+    workers: Annotated[int, _run(min=1, help="Processes, each with a model of its own.")] = 1,
+    threads: Annotated[
+        int | None,
+        _run(min=1, help="Of each worker, on CPUs.", show_default="the cores, divided"),
+    ] = None,
+    engine: Annotated[
+        EngineName, _run(help="ray: a cluster, see docs/scale.md.")
+    ] = EngineName.LOCAL,
+    ray_address: Annotated[
+        str | None, _run(help="Of the cluster.", show_default="one of this machine")
+    ] = None,
+    actors: Annotated[
+        int | None, _run(min=1, help="On the cluster.", show_default="its GPUs, or CPUs but one")
+    ] = None,
     checkpoint: Annotated[
         str, _run(help="embedded, a folder, or a hub id in Marigold's format.")
     ] = "embedded",
@@ -141,8 +155,11 @@ def evaluate(
         dtype=dtype.value,
         weights=dict(_method_and_file(item) for item in filter(None, weights.split(","))),
     )
+    where = make_engine(
+        engine, workers=workers, threads=threads, ray_address=ray_address, actors=actors
+    )
     run = _run_with_progress(
-        settings, output, workers=workers, overwrite=overwrite, keep_predictions=predictions
+        settings, output, engine=where, overwrite=overwrite, keep_predictions=predictions
     )
     write_outputs(run, output)
     print((output / "table.md").read_text(encoding="utf-8"))
@@ -181,16 +198,20 @@ def _method_and_file(text: str) -> tuple[str, Path]:
 def _run_with_progress(settings: "RunSettings", folder: Path, **how: Any) -> "Run":
     """Runs; failures are told as they happen.
 
-    how: workers, overwrite and keep_predictions of `run_evaluation`.
+    how: engine, overwrite and keep_predictions of `run_evaluation`.
     """
     from steered_marigold.evaluation.results import ImageResult
     from steered_marigold.evaluation.runner import run_evaluation
 
-    with progress_bar("evaluating") as bar:
+    count = Count()
+    with counted(count), progress_bar("evaluating") as bar:
 
         def on_result(result: ImageResult, done: int, total: int) -> None:
             bar(done, total, result.method)
             if result.error:
+                count.failed += 1
                 say_error(f"{result.method}, frame {result.frame_id}: {result.error}")
+            else:
+                count.completed += 1
 
         return run_evaluation(settings, folder, on_result=on_result, warn=say_warning, **how)

@@ -1,8 +1,13 @@
-"""A bar on a terminal, with the time left; nothing elsewhere."""
+"""A bar on a terminal, with the time left; elsewhere, as in a log, a line a minute."""
 
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import perf_counter
+
+from steered_marigold.cli.messages import say
+
+_MINUTE_S = 60.0
 
 # (how many are done, of how many or None, what is being done)
 Show = Callable[[int, int | None, str], None]
@@ -36,10 +41,23 @@ def progress_bar(doing: str, total: int | None = None) -> Iterator[Show]:
         redirect_stdout=sys.stdout.isatty(),  # records in a pipe must not move to the terminal
     ) as progress:
         bar = progress.add_task(doing, total=total, rate="")
+        started = told = perf_counter()
 
         def show(done: int, of: int | None, what: str) -> None:
+            nonlocal told
+            now = perf_counter()
+            if not console.is_terminal and now - told >= _MINUTE_S:
+                told = now
+                say(_line(done, of, what, (now - started) / max(done, 1)))
             speed = progress.tasks[bar].speed
             rate = f"{speed:.2g}/s" if speed else ""
             progress.update(bar, completed=done, total=of, description=what, rate=rate)
 
         yield show
+
+
+def _line(done: int, of: int | None, what: str, seconds_each: float) -> str:
+    """The bar in words."""
+    total = "" if of is None else f" of {of}"
+    left = "" if of is None else f", {seconds_each * (of - done) / 60:.0f} min left"
+    return f"{what}: {done}{total}, {1 / seconds_each:.2g}/s{left}"

@@ -64,7 +64,7 @@ def _load(kind: type[Any], folder: Path, dtype: torch.dtype) -> Any:
     """A component of a listed class; CheckpointError if weights are missing in its files."""
     if not hasattr(kind, "load_state_dict"):  # a tokenizer or a scheduler
         return kind.from_pretrained(folder, local_files_only=True)
-    model, told = kind.from_pretrained(  # type: ignore[attr-defined]
+    model, told = kind.from_pretrained(
         folder, dtype=dtype, use_safetensors=True, local_files_only=True, output_loading_info=True
     )
     lacking = sorted(told["missing_keys"]) + sorted(map(str, told["mismatched_keys"]))

@@ -1,7 +1,5 @@
 """What a run records of each completed image, on disk as soon as it is known."""
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +17,7 @@ from steered_marigold.core.metrics import (
 )
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.evaluation.protocols import PreparedFrame
+from steered_marigold.io.json_lines import JsonLines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,33 +111,21 @@ def _curves(
 
 
 class ResultLog:
-    """A file of one result a line, each on disk before the next image is begun.
-
-    A line that a kill cut short is dropped when the file is opened again.
-    """
+    """A file of one result a line; see `JsonLines`."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self._lines = path, JsonLines(path)
 
     def read(self) -> dict[tuple[str, str], ImageResult]:
         """Results by method and frame id, the last one where there are several."""
-        if not self.path.is_file():
-            return {}
-        content = self.path.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]
-        if whole != content:
-            os.truncate(self.path, len(whole))
         try:
-            results = [ImageResult(**json.loads(line)) for line in whole.splitlines()]
-        except (ValueError, TypeError) as error:
+            results = [ImageResult(**values) for values in self._lines.read()]
+        except TypeError as error:
             raise FileFormatError(
-                f"{self.path}: is not a log of results ({error}); run again with --overwrite"
+                f"{self.path}: is not a log of results ({error}); run again with `overwrite`"
             ) from error
         return {(result.method, result.frame_id): result for result in results}
 
     def append(self, result: ImageResult) -> None:
         """Adds a result; returns when it is on disk."""
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(result)) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        self._lines.append(asdict(result))

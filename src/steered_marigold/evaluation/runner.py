@@ -1,22 +1,18 @@
 """Runs methods on frames, in this process or in several, and remembers each answer's errors."""
 
-import os
 import shutil
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from steered_marigold.batch.engines import Engine, LocalEngine
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 from steered_marigold.evaluation.predictions import Predictions
@@ -120,7 +116,7 @@ def run_evaluation(
     folder: Path,
     *,
     create: MethodFactory | None = None,
-    workers: int = 1,
+    engine: Engine | None = None,
     overwrite: bool = False,
     keep_predictions: bool = True,
     on_result: OnResult = lambda result, done, total: None,
@@ -129,12 +125,12 @@ def run_evaluation(
     """Completes and scores every frame with every method, and keeps the results in `folder`.
 
     A run that was stopped goes on where it was; images that failed are tried again. More frames
-    or methods may be added to a folder, all else must be the same. `create` must be picklable if
-    there are several workers. `keep_predictions`: see `Predictions`. `on_result` gets each result,
-    how many are done, and of how many; `warn` a sentence for each method that is left out.
+    or methods may be added to a folder, all else must be the same. engine: None is this process;
+    `create` must be picklable for others. `keep_predictions`: see `Predictions`. `on_result` gets
+    each result, how many are done, and of how many; `warn` a sentence for each method left out.
 
     Raises InputError if the folder holds another run (unless `overwrite`), CheckpointError if no
-    method can run, SteeredMarigoldError if a worker process died.
+    method can run, SteeredMarigoldError if a worker dies before it is ready.
     """
     predictions = Predictions(settings, folder) if keep_predictions else None
     evaluator = Evaluator(settings, create, predictions)
@@ -148,23 +144,21 @@ def run_evaluation(
     results = {task: result for task, result in log.read().items() if result.error is None}
     wanted = [(label, frame) for label in labels for frame in settings.frames]
     todo = [task for task in wanted if task not in results]
-    threads = max(1, torch.get_num_threads() // workers)
-    work = (
-        (evaluator.evaluate(*task) for task in todo)
-        if workers == 1
-        else _in_processes(todo, (threads, settings, create, predictions), workers)
-    )
-    for done, result in enumerate(work, start=len(wanted) - len(todo) + 1):
-        log.append(result)
-        results[result.method, result.frame_id] = result
-        on_result(result, done, len(wanted))
+    engine = engine or LocalEngine()
+    start = partial(_Work, settings, create, predictions)
+    work = (lambda: lambda task: evaluator.evaluate(*task)) if engine.in_process else start
+    with closing(engine.work(work, todo, lost=_lost)) as outcomes:
+        for done, result in enumerate(outcomes, start=len(wanted) - len(todo) + 1):
+            log.append(result)
+            results[result.method, result.frame_id] = result
+            on_result(result, done, len(wanted))
     return Run(
         settings=settings,
         results={label: [results[label, frame] for frame in settings.frames] for label in labels},
         described=described,
         left_out=left_out,
-        workers=workers,
-        threads_per_worker=threads,
+        workers=engine.workers,
+        threads_per_worker=engine.threads,
     )
 
 
@@ -195,61 +189,25 @@ def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> Result
         if changed:
             raise InputError(
                 f"{folder}: holds a run with another {', '.join(changed)}; "
-                "choose another folder, or --overwrite"
+                "`overwrite` begins anew, or choose another folder"
             )
     settings.save(folder)
     return log
 
 
-def _in_processes(
-    tasks: Sequence[Task],
-    worker: tuple[int, RunSettings, MethodFactory | None, Predictions | None],
-    workers: int,
-) -> Iterator[ImageResult]:
-    """Results as they come; `worker` is what `_start_worker` takes.
-
-    Workers end with this process, however it ends.
-    """
-    pool = ProcessPoolExecutor(
-        max_workers=workers,
-        mp_context=get_context("spawn"),
-        initializer=_start_worker,
-        initargs=worker,
-    )
-    try:
-        for future in as_completed([pool.submit(_evaluate, task) for task in tasks]):
-            yield future.result()
-    except BrokenProcessPool as error:
-        raise SteeredMarigoldError(
-            "a worker process died, perhaps for lack of memory; the same command with fewer "
-            "--workers goes on from here"
-        ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
+def _lost(task: Task, reason: str) -> ImageResult:
+    """Of an image that took its process down."""
+    label, frame_id = task
+    return ImageResult(method=label, frame_id=frame_id, areas={}, error=reason)
 
 
-_evaluator: Evaluator
+class _Work:
+    """An evaluator of a process's own."""
 
+    def __init__(
+        self, settings: RunSettings, create: MethodFactory | None, predictions: Predictions | None
+    ) -> None:
+        self._evaluator = Evaluator(settings, create, predictions)
 
-def _start_worker(
-    threads: int,
-    settings: RunSettings,
-    create: MethodFactory | None,
-    predictions: Predictions | None,
-) -> None:
-    global _evaluator
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends workers without their tracebacks
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    torch.set_num_threads(threads)
-    _evaluator = Evaluator(settings, create, predictions)
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _evaluate(task: Task) -> ImageResult:
-    return _evaluator.evaluate(*task)
+    def __call__(self, task: Task) -> ImageResult:
+        return self._evaluator.evaluate(*task)

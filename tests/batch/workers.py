@@ -1,0 +1,57 @@
+"""What workers of other processes do in tests; importable by them."""
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+from steered_marigold.errors import CheckpointError
+from tests.frames.completers import NearestCompleter
+
+
+def load() -> NearestCompleter:
+    """A completer that needs no checkpoint."""
+    return NearestCompleter()
+
+
+def squaring() -> Callable[[int], int]:
+    """Squares; -1 ends the process as the kernel does when memory is short."""
+
+    def work(number: int) -> int:
+        if number == -1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number * number
+
+    return work
+
+
+def lost(number: int, reason: str) -> str:
+    """The result of a number that took its process down."""
+    return f"{number}: {reason}"
+
+
+def failing() -> Callable[[int], int]:
+    """Cannot start."""
+    raise CheckpointError("no such checkpoint")
+
+
+def dying() -> Callable[[int], int]:
+    """Dies before it is ready."""
+    os._exit(3)
+
+
+class KillsOnce:
+    """Squares, and kills its process at one number, once."""
+
+    def __init__(self, number: int, mark: Path) -> None:
+        self.number, self.mark = number, mark
+
+    def __call__(self) -> Callable[[int], int]:
+        return self.work
+
+    def work(self, number: int) -> int:
+        """The square."""
+        if number == self.number and not self.mark.exists():
+            self.mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number * number

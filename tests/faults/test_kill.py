@@ -1,0 +1,94 @@
+"""Runs that are killed at random moments go on to the bytes of one that was not."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from steered_marigold.batch.engines import LocalEngine
+from steered_marigold.batch.job import JobSettings, plan
+from steered_marigold.batch.run import complete_all
+from steered_marigold.frames.outputs import Outputs
+from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
+from steered_marigold.io.json_lines import JsonLines
+from tests.batch.workers import load
+from tests.faults.children import Child
+from tests.frames.completers import write_frame
+
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
+    pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
+]
+
+KILLS = 50 if "FAULTS" in os.environ else 12
+FRAMES = 12
+HOW = {"completing": {"seed": 0}}
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> FrameFiles:
+    """Folders of frames."""
+    images, depths = tmp_path / "images", tmp_path / "depths"
+    images.mkdir()
+    depths.mkdir()
+    for index in range(FRAMES):
+        write_frame(images / f"{index}.png", depths / f"{index}.png", seed=index)
+    return FrameFiles(image=images, depth=depths)
+
+
+def _run(inputs: FrameFiles, out: Path, workers: int = 1) -> None:
+    """All outputs there are, into folders of their own."""
+    torch.set_num_threads(1)
+    folders = Outputs(depth=out / "depth", uncertainty=out / "sure")
+    todo = plan(folder_source(inputs, Reading()), folders, suffix=".npy", overwrite=False)
+    engine = LocalEngine(workers=workers, threads=1)
+    assert all(x.record for x in complete_all(load, todo, JobSettings(), HOW, engine=engine))
+
+
+def _contents(out: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(out).as_posix(): path.read_bytes()
+        for path in sorted(out.rglob("*"))
+        if path.is_file() and path.parent.name != ".run"
+    }
+
+
+def test_a_run_killed_again_and_again_ends_with_the_same_bytes(
+    inputs: FrameFiles, tmp_path: Path
+) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    _run(inputs, whole)
+    rng = np.random.default_rng(None if "FAULTS" in os.environ else 0)
+    for number in range(KILLS):
+        child = Child(lambda: _run(inputs, killed), tmp_path / "said")
+        child.end(signal.SIGKILL, rng.uniform(0, 0.05))
+        done = sorted((killed / "depth").glob("*.npy")) if killed.exists() else []
+        if len(done) == FRAMES:  # begin anew, there are more moments to try
+            done[number % FRAMES].unlink()
+    _run(inputs, killed)
+    assert _contents(killed) == _contents(whole)
+    frames = {record["frame"] for record in JsonLines(killed / "depth/.run/records.jsonl").read()}
+    assert frames <= {str(index) for index in range(FRAMES)}
+
+
+def test_two_runs_at_once_in_one_folder(inputs: FrameFiles, tmp_path: Path) -> None:
+    whole, both = tmp_path / "whole", tmp_path / "both"
+    _run(inputs, whole)
+    children = [Child(lambda: _run(inputs, both), tmp_path / f"said{i}") for i in range(2)]
+    for child in children:
+        assert child.wait() == 0, child.said()
+    assert _contents(both) == _contents(whole)
+
+
+def test_a_run_whose_workers_lose_their_parent(inputs: FrameFiles, tmp_path: Path) -> None:
+    """Workers end with it, and a resumed run is alone."""
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    _run(inputs, whole)
+    child = Child(lambda: _run(inputs, killed, workers=2), tmp_path / "said")
+    child.until(lambda: any((killed / "depth").glob("*.npy")))
+    child.end(signal.SIGKILL, 0)
+    _run(inputs, killed)
+    assert _contents(killed) == _contents(whole)

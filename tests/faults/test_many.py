@@ -1,0 +1,28 @@
+"""A folder of many files, and what it costs to look at it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.faults.many import ROOT
+
+# listing, pairing and resume are linear: 20 000 here, a million by `make faults`
+FRAMES = 1_000_000 if "FAULTS" in os.environ else 20_000
+
+
+@pytest.mark.slow
+def test_a_million_frames_are_planned_in_a_minute_and_500_mb(tmp_path: Path) -> None:
+    """In a process of its own, for its own peak of memory."""
+    told = subprocess.run(
+        [sys.executable, "-m", "tests.faults.many", str(FRAMES), str(tmp_path)],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    ).stdout.split()
+    seconds, megabytes = float(told[0]), float(told[1])
+    assert seconds < 60
+    assert megabytes < 500
