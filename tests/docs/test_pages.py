@@ -11,6 +11,7 @@ from typer.main import get_command
 
 import steered_marigold
 from docs import generated
+from docs.argument_lists import listed
 from steered_marigold.cli import app
 from steered_marigold.diffusion.settings import KNOBS, PRESETS
 from steered_marigold.methods.registry import METHODS
@@ -140,6 +141,14 @@ def test_links_of_included_pages_point_out_of_docs() -> None:
     targets = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
     assert targets
     assert all((ROOT / "docs" / target).is_file() for target in targets)
+
+
+def test_named_sentences_become_items() -> None:
+    text = (
+        "Does it.\n\nFirst words. image: RGB, in 0..1.\nK, size: it: known. other: no.\n\nRaises X."
+    )
+    items = "First words.\n\n- **image**: RGB, in 0..1.\n- **K, size**: it: known. other: no."
+    assert listed(text, {"image", "K", "size"}) == f"Does it.\n\n{items}\n\nRaises X."
 
 
 def test_readme_is_short() -> None:
