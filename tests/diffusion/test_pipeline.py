@@ -575,7 +575,7 @@ def test_a_checkpoint_that_continues_the_known_is_told_what_was_measured(
     pipeline(image, depth, mask, **arguments)
     first, second = inputs
     same = (first == second).all(dim=1)
-    assert not same[0, :, 0].any()  # the plain view is told its left
+    assert same[0, :, 0].sum() <= 1  # the plain view is told its left, where it is believed
     assert same[0, :, -1].all()
     assert not same[1, :, -1].all()  # the mirrored one its right
     assert same[1, :, 0].all()
