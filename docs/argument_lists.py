@@ -13,7 +13,7 @@ import griffe
 _NAMED = re.compile(r"(?:^|(?<=\. ))(\w+(?:, \w+)*(?: and \w+)?): ")
 
 
-class ArgumentLists(griffe.Extension):  # type: ignore[misc]
+class ArgumentLists(griffe.Extension):
     """Rewrites docstrings of functions and classes."""
 
     def on_function(self, *, func: Any, **_: Any) -> None:

@@ -23,7 +23,8 @@ RUN = [
     ROOT / "README.md",
     *(ROOT / "docs" / f"{name}.md" for name in ("start", "python", "evaluation")),
 ]
-COMMANDS: dict[str, Any] = get_command(app).commands
+GROUP: Any = get_command(app)
+COMMANDS: dict[str, Any] = GROUP.commands
 # of other programs: pip, the modules of the recipe and of the benchmarks, ROS
 FOREIGN_LINES = re.compile(r"python -m (training|rooms|benchmarks)|--ros-args|sha256sum|pytest")
 
@@ -41,8 +42,8 @@ def names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     for index in (1, 2):
         for name in ("rgb", "depth"):
             (tmp_path / "FRAMES" / name).mkdir(parents=True, exist_ok=True)
-        rgb, depth = (tmp_path / "FRAMES" / name / f"000{index}.png" for name in ("rgb", "depth"))
-        write_frame(rgb, depth, seed=index)
+        folder = tmp_path / "FRAMES"
+        write_frame(folder / "rgb" / f"000{index}.png", folder / "depth" / f"000{index}.png", index)
     picture = Image.open(tmp_path / "image.png").convert("RGB")
     sparse_depth = torch.full((picture.height, picture.width), 2.0)
     sparse_depth[:, ::3] = 0
