@@ -82,12 +82,16 @@ class Frame:
         """Takes points [m] of this camera's frame to the later one's; None without both poses."""
         if self.pose is None or later.pose is None:
             return None
-        return (torch.linalg.inv(later.pose.double()) @ self.pose.double()).float()
+        motion: Tensor = torch.linalg.inv(later.pose.double()) @ self.pose.double()
+        return motion.float()
 
     def plausible(self) -> "Frame":
         """Without measurements that can be no depths of one scene, which are counted and said."""
         found = plausible_measurements(self.sparse_depth, self.valid_mask)
-        counts = {"repeated": found.repeated, "absurd": found.absurd}
+        counts = {
+            name: self.missing.get(name, 0) + more
+            for name, more in (("repeated", found.repeated), ("absurd", found.absurd))
+        }
         notices = self.notices
         if found.repeated:
             values = " and ".join(f"{value:.4g} m" for value in found.fills)
@@ -133,7 +137,7 @@ def make_frame(
                 f"`{name}` is {list(values.shape)} but the image {[height, width]} "
                 "(height, width); they must agree"
             )
-    frame = Frame(
+    return Frame(
         image=pixels,
         sparse_depth=depth,
         valid_mask=valid,
@@ -142,10 +146,8 @@ def make_frame(
         pose=None if pose is None else check_pose(pose),
         id=id,
         stamp=stamp,
-        notices=notices,
-    ).plausible()
-    doubts = scale_doubts(frame.sparse_depth, frame.valid_mask)
-    return replace(frame, notices=frame.notices + doubts)
+        notices=notices + scale_doubts(depth, valid),
+    )
 
 
 def rgb_bytes(image: Any) -> tuple[UInt8[Tensor, "height width 3"], Notices]:
