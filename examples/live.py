@@ -135,7 +135,8 @@ def openni() -> Iterator[Capture]:
         has_depth, millimetres = camera.retrieve(None, cv2.CAP_OPENNI_DEPTH_MAP)
         has_image, bgr = camera.retrieve(None, cv2.CAP_OPENNI_BGR_IMAGE)
         if has_depth and has_image:
-            yield cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), millimetres * np.float32(0.001)
+            rgb = np.ascontiguousarray(np.asarray(bgr, np.uint8)[..., ::-1])
+            yield rgb, np.asarray(millimetres, np.float32) * np.float32(0.001)
     camera.release()
 
 

@@ -11,6 +11,7 @@ from typer.main import get_command
 
 import steered_marigold
 from docs import generated
+from docs.argument_lists import listed
 from steered_marigold.cli import app
 from steered_marigold.diffusion.settings import KNOBS, PRESETS
 from steered_marigold.methods.registry import METHODS
@@ -22,7 +23,8 @@ RUN = [
     ROOT / "README.md",
     *(ROOT / "docs" / f"{name}.md" for name in ("start", "python", "evaluation")),
 ]
-COMMANDS: dict[str, Any] = get_command(app).commands
+GROUP: Any = get_command(app)
+COMMANDS: dict[str, Any] = GROUP.commands
 # of other programs: pip, the modules of the recipe and of the benchmarks, ROS
 FOREIGN_LINES = re.compile(r"python -m (training|rooms|benchmarks)|--ros-args|sha256sum|pytest")
 
@@ -40,8 +42,8 @@ def names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     for index in (1, 2):
         for name in ("rgb", "depth"):
             (tmp_path / "FRAMES" / name).mkdir(parents=True, exist_ok=True)
-        rgb, depth = (tmp_path / "FRAMES" / name / f"000{index}.png" for name in ("rgb", "depth"))
-        write_frame(rgb, depth, seed=index)
+        folder = tmp_path / "FRAMES"
+        write_frame(folder / "rgb" / f"000{index}.png", folder / "depth" / f"000{index}.png", index)
     picture = Image.open(tmp_path / "image.png").convert("RGB")
     sparse_depth = torch.full((picture.height, picture.width), 2.0)
     sparse_depth[:, ::3] = 0
@@ -140,6 +142,14 @@ def test_links_of_included_pages_point_out_of_docs() -> None:
     targets = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
     assert targets
     assert all((ROOT / "docs" / target).is_file() for target in targets)
+
+
+def test_named_sentences_become_items() -> None:
+    text = (
+        "Does it.\n\nFirst words. image: RGB, in 0..1.\nK, size: it: known. other: no.\n\nRaises X."
+    )
+    items = "First words.\n\n- **image**: RGB, in 0..1.\n- **K, size**: it: known. other: no."
+    assert listed(text, {"image", "K", "size"}) == f"Does it.\n\n{items}\n\nRaises X."
 
 
 def test_readme_is_short() -> None:
