@@ -48,7 +48,7 @@ def test_every_required_package_has_a_free_licence() -> None:
     assert {"torch", "numpy", "diffusers"} <= found
     unknown = {}
     for name in sorted(found):
-        told = distribution(name).metadata
+        told: Any = distribution(name).metadata
         licence = told.get("License-Expression") or told.get("License") or ""
         kinds = [x for x in told.get_all("Classifier") or () if x.startswith("License ::")]
         if not _FREE.search(" ".join([licence[:300], *kinds])):
