@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, distribution, requires
+from typing import Any
 
 from packaging.requirements import Requirement
 
