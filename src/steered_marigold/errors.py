@@ -44,3 +44,8 @@ class MissingExtraError(SteeredMarigoldError, ImportError):
         super().__init__(
             f"{module} is not installed; get it with: pip install 'steered-marigold[{extra}]'"
         )
+        self._arguments = extra, module
+
+    def __reduce__(self) -> tuple[type["MissingExtraError"], tuple[str, str]]:
+        """Pickled, for other processes, as it was made."""
+        return type(self), self._arguments

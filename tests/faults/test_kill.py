@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from steered_marigold.batch.engines import LocalEngine
 from steered_marigold.batch.job import JobSettings, plan
@@ -41,7 +40,6 @@ def inputs(tmp_path: Path) -> FrameFiles:
 
 def _run(inputs: FrameFiles, out: Path, workers: int = 1) -> None:
     """All outputs there are, into folders of their own."""
-    torch.set_num_threads(1)
     folders = Outputs(depth=out / "depth", uncertainty=out / "sure")
     todo = plan(folder_source(inputs, Reading()), folders, suffix=".npy", overwrite=False)
     engine = LocalEngine(workers=workers, threads=1)

@@ -1,6 +1,7 @@
 """Where work is done: on a Ray cluster, by actors of Ray Data."""
 
 import logging
+import os
 import pickle
 from collections.abc import Callable, Generator, Iterable
 from itertools import islice
@@ -36,8 +37,10 @@ class RayEngine(Engine):
             import ray
         except ImportError as error:
             raise MissingExtraError("ray", "ray") from error
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
         try:
-            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+            how = {} if address else {"include_dashboard": False}
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **how)
         except (ConnectionError, ValueError) as error:
             raise InputError(f"`ray_address` {address} cannot be reached: {error}") from error
         resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
@@ -78,6 +81,8 @@ class RayEngine(Engine):
         except ray.exceptions.RayError as error:
             reason = str(error).strip().splitlines()[-1]
             raise SteeredMarigoldError(f"the cluster gave up: {reason}") from error
+        finally:
+            ray.shutdown()
 
     def describe(self) -> dict[str, Any]:
         """See `Engine`."""

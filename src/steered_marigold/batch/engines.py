@@ -59,8 +59,12 @@ class LocalEngine(Engine):
                 start, tasks, lost=lost, workers=self.workers, threads=self.threads
             )
         else:
+            before = torch.get_num_threads()
             torch.set_num_threads(self.threads)
-            yield from map(start(), tasks)
+            try:
+                yield from map(start(), tasks)
+            finally:
+                torch.set_num_threads(before)
 
     def describe(self) -> dict[str, Any]:
         """See `Engine`."""

@@ -1,10 +1,10 @@
 """One of many frames: what is to do, done, and what became of it."""
 
 import errno
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from os import scandir
 from pathlib import Path
 from time import perf_counter
 
@@ -153,7 +153,7 @@ def complete_to_files(
 def _names_in(folder: Path) -> set[str]:
     """Of a folder's entries; none if there is no folder."""
     try:
-        with scandir(folder) as entries:
+        with os.scandir(folder) as entries:
             return {entry.name for entry in entries}
     except OSError:
         return set()
@@ -162,7 +162,10 @@ def _names_in(folder: Path) -> set[str]:
 def _of_storage(error: BaseException | None) -> bool:
     """Whether storage that is full, read-only or gone is behind an error."""
     while error is not None:
-        if isinstance(error, OSError) and error.errno in _STORAGE_ERRORS:
-            return True
+        if isinstance(error, OSError):
+            # OpenEXR tells the reason in words alone
+            if error.errno is None:
+                return any(os.strerror(code) in str(error) for code in _STORAGE_ERRORS)
+            return error.errno in _STORAGE_ERRORS
         error = error.__cause__
     return False

@@ -141,7 +141,7 @@ def open_run(
     with _lock(run / "lock") as alone:
         fresh = not (run / "run.json").is_file()
         for folder in folders:
-            for left in stale_temporaries(folder, **({"older_than_s": 0} if alone else {})):
+            for left in stale_temporaries(folder, **({"older_than_s": 0.0} if alone else {})):
                 left.unlink(missing_ok=True)
         if overwrite and alone:
             log.path.unlink(missing_ok=True)
@@ -209,7 +209,11 @@ def _lock(path: Path) -> Iterator[bool]:
     if sys.platform == "win32":
         yield False
         return
-    with path.open("a") as file:
+    try:
+        file = path.open("a")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    with file:
         until = time.monotonic() + _LOCK_WAIT_S
         while not (alone := _flock(file, fcntl.LOCK_EX)) and time.monotonic() < until:
             time.sleep(0.1)

@@ -282,7 +282,7 @@ def complete(
         where = make_engine(
             engine,
             workers=workers,
-            threads=threads or threads_before(outputs.depth),
+            threads=threads or (None if overwrite else threads_before(outputs.depth)),
             ray_address=ray_address,
             actors=actors,
         )

@@ -1,5 +1,6 @@
 """Files of one JSON object a line, each on disk before the next is begun."""
 
+import errno
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -40,11 +41,12 @@ class JsonLines:
 
         Raises InputError if the system refuses.
         """
-        line = json.dumps(values) + "\n"
+        line = (json.dumps(values) + "\n").encode()
         try:
             # unbuffered: several runs may append to one file
             with self.path.open("ab", buffering=0) as file:
-                file.write(line.encode())
+                if file.write(line) < len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 os.fsync(file.fileno())
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written ({error.strerror})") from error
