@@ -1,6 +1,7 @@
 """The whole command, files to files; a completer that needs no checkpoint stands for the model."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,7 +28,7 @@ Run = Callable[..., Result]
 @pytest.fixture
 def run(completer: NearestCompleter, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Runs `complete` with these arguments."""
-    monkeypatch.setattr(complete, "_load", lambda model, progress: (completer, 0.25))
+    monkeypatch.setattr(complete, "_load", lambda model, progress=False: completer)
 
     def invoke(*arguments: object) -> Result:
         return CliRunner().invoke(app, ["complete", *map(str, arguments)])
@@ -42,9 +43,11 @@ def test_the_record_is_all_that_is_on_stdout(
     assert (result.exit_code, result.stderr) == (0, "")
     record = json.loads(result.stdout)
     assert record.keys() >= KEYS
-    assert (record["seed"], record["load_seconds"]) == (4, 0.25)
+    assert record["seed"] == 4
+    assert record["load_seconds"] >= 0
     assert record["treated_as_missing"].keys() == {
-        *("zero", "negative", "non_finite", "saturated", "beyond_max_depth", "beyond_limits")
+        *("zero", "negative", "non_finite", "saturated", "beyond_max_depth", "beyond_limits"),
+        *("repeated", "absurd"),
     }
 
 
@@ -68,10 +71,8 @@ def test_a_folder_gives_a_record_a_line_and_the_bytes_of_single_runs(
     images, depths = frame_folders
     out = tmp_path / "out"
     result = run(images, depths, "-o", out, "--output-format", "npy", "--json")
-    assert (result.exit_code, result.stderr) == (
-        0,
-        f"{PAIRED}3 completed, 0 skipped, 0 failed\n",
-    )
+    assert result.exit_code == 0
+    assert re.fullmatch(f"{PAIRED}3 completed, 0 skipped, 0 failed, .* frames/s\n", result.stderr)
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [Path(record["output"]).name for record in records] == [
         *("0000.npy", "0001.npy", "0002.npy")
@@ -96,7 +97,7 @@ def test_a_failed_frame_shows_in_the_exit_code(
     assert "1 completed, 0 skipped, 2 failed" in result.stderr
     assert f"error: {images / '0001.png'}: " in result.stderr
     assert f"error: {images / '0002.png'}: belongs to no pair" in result.stderr
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["0000.png"]
+    assert [path.name for path in (tmp_path / "out").glob("[!.]*")] == ["0000.png"]
 
 
 def test_relative_depth_of_an_image_alone(
@@ -105,7 +106,8 @@ def test_relative_depth_of_an_image_alone(
     out = tmp_path / "out.png"
     result = run(frame_files[0], "--no-measurements", "-o", out, "--json")
     record = json.loads(result.stdout)
-    assert (record["metric"], record["depth"], record["treated_as_missing"]) == (False, None, None)
+    assert (record["metric"], record["depth"]) == (False, None)
+    assert not any(record["treated_as_missing"].values())
     assert np.asarray(Image.open(out)).max() > 40_000
 
 
@@ -158,7 +160,7 @@ def test_what_the_model_refuses_is_one_line(
     error: SteeredMarigoldError,
     code: int,
 ) -> None:
-    def refuse(model: object, progress: bool) -> None:
+    def refuse(model: object, progress: bool = False) -> None:
         raise error
 
     monkeypatch.setattr(complete, "_load", refuse)
