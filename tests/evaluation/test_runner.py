@@ -132,7 +132,10 @@ def test_seam_and_curves_are_recorded_where_they_exist(
 def test_another_run_in_the_folder_is_refused(tiny: RunSettings, tmp_path: Path) -> None:
     run_evaluation(tiny, tmp_path)
     other = replace(tiny, seed=1, protocol=Protocol(kind="lidar", lines=4))
-    with pytest.raises(InputError, match=r"another protocol, seed; choose another folder"):
+    with pytest.raises(
+        InputError,
+        match=r"another protocol, seed; `overwrite` begins anew, or choose another folder",
+    ):
         run_evaluation(other, tmp_path)
     assert run_evaluation(other, tmp_path, overwrite=True).settings.seed == 1
     assert run_evaluation(other, tmp_path).settings.seed == 1
