@@ -162,10 +162,7 @@ def _names_in(folder: Path) -> set[str]:
 def _of_storage(error: BaseException | None) -> bool:
     """Whether storage that is full, read-only or gone is behind an error."""
     while error is not None:
-        if isinstance(error, OSError):
-            # OpenEXR tells the reason in words alone
-            if error.errno is None:
-                return any(os.strerror(code) in str(error) for code in _STORAGE_ERRORS)
-            return error.errno in _STORAGE_ERRORS
+        if isinstance(error, OSError) and error.errno in _STORAGE_ERRORS:
+            return True
         error = error.__cause__
     return False
