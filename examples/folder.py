@@ -8,9 +8,7 @@
 import sys
 from pathlib import Path
 
-from steered_marigold import DepthCompleter, SteeredCompleter
-from steered_marigold.frames.complete import complete_frame
-from steered_marigold.frames.outputs import Outputs, save
+from steered_marigold import DepthCompleter, Outputs, SteeredCompleter, complete_frame, save
 from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
 
 

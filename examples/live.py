@@ -16,7 +16,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from steered_marigold import DepthCompleter, SteeredCompleter
+from steered_marigold import DepthCompleter, SteeredCompleter, make_frame
 from steered_marigold.errors import NoMeasurementsError
 from steered_marigold.io.files import write_figure
 
@@ -135,7 +135,8 @@ def openni() -> Iterator[Capture]:
         has_depth, millimetres = camera.retrieve(None, cv2.CAP_OPENNI_DEPTH_MAP)
         has_image, bgr = camera.retrieve(None, cv2.CAP_OPENNI_BGR_IMAGE)
         if has_depth and has_image:
-            yield cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), millimetres * np.float32(0.001)
+            rgb = np.ascontiguousarray(np.asarray(bgr, np.uint8)[..., ::-1])
+            yield rgb, np.asarray(millimetres, np.float32) * np.float32(0.001)
     camera.release()
 
 
@@ -149,7 +150,6 @@ class PictureWriter:
     def __call__(self, frame: LiveFrame) -> None:
         import torch
 
-        from steered_marigold.core.frame import make_frame
         from steered_marigold.pictures.panels import frame_panels
 
         figure = frame_panels(

@@ -3,9 +3,9 @@
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from steered_marigold import DepthCompleter, SteeredCompleter
 
@@ -25,9 +25,9 @@ def complete(
 
 
 def main() -> None:
-    """The package's sample frame, read by OpenCV."""
-    image = cv2.cvtColor(cv2.imread(str(SAMPLE / "image.jpg")), cv2.COLOR_BGR2RGB)
-    depth = cv2.imread(str(SAMPLE / "depth.png"), cv2.IMREAD_UNCHANGED) * np.float32(0.001)
+    """The package's sample frame."""
+    image = np.array(Image.open(SAMPLE / "image.jpg"))
+    depth = np.array(Image.open(SAMPLE / "depth.png"), np.float32) * np.float32(0.001)
     completer = SteeredCompleter.from_checkpoint(preset="fast", device="cpu")
     dense, sigma = complete(completer, image, depth)
     print(f"{np.mean(depth > 0):.0%} measured; {dense.min():.2f} to {dense.max():.2f} m")

@@ -2,12 +2,13 @@
 
     python -m examples.own_checkpoint FOLDER
 
-FOLDER is what `save_pretrained` writes: model_index.json, unet/, vae/, scheduler/, text_encoder/ and
-tokenizer/, as of prs-eth/marigold-depth-v1-1 or of your own fine-tuning.
+FOLDER is what `save_pretrained` writes: model_index.json, unet/, vae/, scheduler/, text_encoder/
+and tokenizer/, as of prs-eth/marigold-depth-v1-1 or of your own fine-tuning.
 """
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import torch
 from PIL import Image
@@ -24,7 +25,7 @@ def main(folder: Path, *, steps: int = 4) -> DepthCompletion:
     pipe.set_progress_bar_config(disable=True)
     sensor = read_depth(SAMPLE / "depth.png")
 
-    def tell(pipe: SteeredMarigoldPipeline, step: int, timestep: int, tensors: dict) -> dict:
+    def tell(pipe: Any, step: int, timestep: int, tensors: dict[str, Any]) -> dict[str, Any]:
         print(f"step {step + 1} of {steps}, timestep {int(timestep)}")
         return {}
 

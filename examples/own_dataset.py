@@ -3,7 +3,8 @@
     python -m examples.own_dataset FOLDER OUTPUT
 
 Here each frame is one .npz file with `image` (uint8 RGB), `lidar` and `depth` ([m], 0 = nothing).
-Data that is already `rgb/`, `depth/` and `sparse/` needs no code: `steered-marigold evaluate folder`.
+Data that is already `rgb/`, `depth/` and `sparse/` needs no code:
+`steered-marigold evaluate folder`.
 """
 
 import sys
@@ -15,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 
-from steered_marigold.core.frame import make_frame
+from steered_marigold import make_frame
 from steered_marigold.datasets.dataset import Dataset
 from steered_marigold.datasets.sample import Sample
 from steered_marigold.evaluation.protocols import Protocol

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import torch
 
-from steered_marigold import DepthCompleter, DepthCompletion, create_method
-from steered_marigold.core.frame import Frame
+from steered_marigold import DepthCompleter, DepthCompletion, Frame, create_method
 from steered_marigold.evaluation.protocols import Protocol
 from steered_marigold.evaluation.report import write_outputs
 from steered_marigold.evaluation.runner import run_evaluation

@@ -4,8 +4,8 @@
 
 FRAMES holds rgb/ and depth/ (uint16 millimetres, 0 = unknown), paired by name; every tenth frame is
 held out for the curve in OUTPUT/runs/denoiser/log.csv. OUTPUT/checkpoint is then a folder for
-`--checkpoint`. Only the U-Net learns here; docs/training.md has all stages, and what they start from.
-The weights carry the terms of the embedded ones, and those of your frames.
+`--checkpoint`. Only the U-Net learns here; docs/training.md has all stages, and what they start
+from. The weights carry the terms of the embedded ones, and those of your frames.
 """
 
 import csv

@@ -9,9 +9,9 @@ import sys
 from itertools import islice
 from pathlib import Path
 
-from steered_marigold import DepthCompleter, DepthCompletion, SteeredCompleter
+from steered_marigold import DepthCompleter, DepthCompletion, SteeredCompleter, complete_frame
 from steered_marigold.datasets.recording import recorded_frame
-from steered_marigold.frames.complete import Record, complete_frame
+from steered_marigold.frames.complete import Record
 from steered_marigold.frames.recordings import Tally, complete_recording
 from steered_marigold.io.bags import open_recording
 

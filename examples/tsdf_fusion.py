@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from steered_marigold import DepthCompleter
-from steered_marigold.core.frame import Frame
+from steered_marigold import DepthCompleter, Frame
 
 SURE = 0.05
 

@@ -16,10 +16,24 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from examples import complete_frame, folder, live, numpy_arrays, own_checkpoint, tsdf_fusion
+from examples import (
+    complete_frame,
+    folder,
+    live,
+    numpy_arrays,
+    own_checkpoint,
+    stream_with_poses,
+    tsdf_fusion,
+)
 from examples.ros2.latest import LatestFrameCompleter, depth_bytes
-from steered_marigold import DepthCompleter, DepthCompletion, SteeredCompleter
-from steered_marigold.core.frame import Frame, make_frame
+from steered_marigold import (
+    DepthCompleter,
+    DepthCompletion,
+    Frame,
+    SteeredCompleter,
+    StreamingCompleter,
+    make_frame,
+)
 from steered_marigold.io.depth_maps import read_depth, write_depth
 from steered_marigold.io.images import read_image, write_image
 from steered_marigold.io.point_clouds import read_point_cloud
@@ -106,6 +120,25 @@ def test_live(fast: DepthCompleter, small: Frame, tmp_path: Path) -> None:
     writer = live.PictureWriter(tmp_path / "pictures")
     writer(shown[0])
     assert read_image(tmp_path / "pictures" / "000000.png").pixels.shape[1] > 400
+
+
+def test_stream_with_poses(fast: DepthCompleter, small: Frame, tmp_path: Path) -> None:
+    """What the first frame measured stands in the hole of the second, whose camera did not move."""
+    _frame_folder(tmp_path, small, 2)
+    hole = small.sparse_depth.clone()
+    hole[30:60, 40:90] = 0
+    write_depth(tmp_path / "depth" / "1.png", hole)
+    (tmp_path / "pose").mkdir()
+    for index in range(2):
+        np.savetxt(tmp_path / "pose" / f"{index}.txt", np.eye(4))
+    found = list(stream_with_poses.frames(tmp_path, "100,100,63.5,47.5"))
+    count = stream_with_poses.main(StreamingCompleter(fast), iter(found), tmp_path / "dense")
+    assert count == 2
+    dense = read_depth(tmp_path / "dense" / "1.png").depth
+    hidden = (hole == 0) & small.valid_mask
+    error = (dense - small.sparse_depth)[hidden].abs() / small.sparse_depth[hidden]
+    assert hidden.sum() > 500
+    assert float(error.median()) < 0.01
 
 
 @pytest.mark.parametrize("camera", live.CAMERAS)

@@ -198,7 +198,7 @@ def test_each_line_runs(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     output = Path(arguments[arguments.index("-o") + 1])
-    outputs = sorted(output.iterdir()) if output.is_dir() else [output]
+    outputs = sorted(output.glob("[!.]*")) if output.is_dir() else [output]
     assert outputs
     for path in outputs:
         depth = read_depth(path).depth

@@ -1,7 +1,8 @@
 """What the ROS 2 node does, without ROS: pairs messages, and completes the latest pair alone.
 
-A camera sends 30 frames a second and a CPU completes a few. Old frames are worth nothing on a robot, so
-what arrives while one is completed replaces what waits: the answer is never older than one completion.
+A camera sends 30 frames a second and a CPU completes a few. Old frames are worth nothing on a
+robot, so what arrives while one is completed replaces what waits: what is completed next is never
+older than the completion before it took.
 """
 
 import threading
@@ -12,8 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from steered_marigold import DepthCompleter, DepthCompletion
-from steered_marigold.core.frame import make_frame
+from steered_marigold import DepthCompleter, DepthCompletion, make_frame
 from steered_marigold.core.registration import register_depth
 from steered_marigold.errors import InputError
 from steered_marigold.io.bags.image_messages import decode_depth, decode_image

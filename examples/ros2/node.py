@@ -4,8 +4,8 @@
         -r depth:=/camera/aligned_depth_to_color/image_raw -p preset:=fast
 
 Run it in a sourced ROS 2 workspace whose Python has steered-marigold[ros]. It publishes
-depth/completed, 32FC1 [m], with the header of the depth that was measured. rclpy was not at hand, so
-this file was never run; what it calls is tested with recorded messages.
+depth/completed, 32FC1 [m], with the header of the depth that was measured. rclpy was not at hand,
+so this file was never run; what it calls is tested with recorded messages.
 """
 
 import sys

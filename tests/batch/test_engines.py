@@ -1,6 +1,7 @@
 """Every engine gives every result, whatever dies on the way."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from tests.batch.workers import KillsOnce, dying, failing, lost, squaring
 @pytest.mark.parametrize("workers", [1, 2])
 def test_each_task_has_its_result(workers: int) -> None:
     engine = LocalEngine(workers=workers, threads=1)
-    results = list(engine.work(squaring, iter(range(7)), lost=lost))
+    results: list[Any] = list(engine.work(squaring, iter(range(7)), lost=lost))
     assert sorted(results) == [0, 1, 4, 9, 16, 25, 36]
     assert list(engine.work(squaring, iter(()), lost=lost)) == []
     assert engine.describe() == {"engine": "local", "workers": workers, "threads": 1}
@@ -39,6 +40,6 @@ def test_a_cluster_loses_nothing_with_a_worker_killed(tmp_path: Path) -> None:
     from steered_marigold.batch.cluster import RayEngine
 
     start = KillsOnce(30, tmp_path / "killed")
-    results = list(RayEngine(actors=1).work(start, range(40), lost=lost))
+    results: list[Any] = list(RayEngine(actors=1).work(start, range(40), lost=lost))
     assert (tmp_path / "killed").exists()
     assert sorted(results) == [number * number for number in range(40)]

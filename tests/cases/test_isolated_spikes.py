@@ -18,6 +18,11 @@ def test_the_case(case: Callable[[str], Path]) -> None:
     measured = frame.valid_mask.numpy()
     around = ndimage.uniform_filter(measured.astype(np.float32), 25, mode="constant") * 25**2
     lone = measured & (around < 4)
-    assert lone.sum() >= 5
-    assert (~completion.trusted[0].numpy())[lone].mean() > 0.8
+    surface = ndimage.median_filter(completion.depth[0].numpy(), 17)
+    spikes = lone & (abs(np.log(frame.sparse_depth.numpy().clip(0.1) / surface)) > 0.2)
+    assert spikes.sum() >= 4
+    assert not (completion.trusted[0].numpy() & spikes).any()
+    sigma = completion.uncertainty
+    assert sigma is not None
+    assert float(sigma[0].numpy()[spikes].min()) > 0.5
     assert completion.trusted.sum() > 0.995 * measured.sum()

@@ -28,12 +28,24 @@ def run(*words: object) -> str:
     return str(result.output)
 
 
+def smooth_entries(kind: str, count: int = 3) -> list[Entry]:
+    """A registered camera before a slanted wall with a hole."""
+    builder = builder_for(kind)
+    entries = camera_entries(builder, count=count)
+    depth = np.tile(np.linspace(1500, 2500, 8).astype(np.uint16), (6, 1))
+    depth[2:4, 3:5] = 0
+    for entry in entries:
+        if entry.topic == DEPTH:
+            entry.message.data = depth.view(np.uint8).reshape(-1)
+    return entries
+
+
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Three frames of a registered camera, in every storage."""
     folder = tmp_path_factory.mktemp("recordings")
     kinds = ("ros1", "sqlite3", "mcap")
-    entries = {kind: camera_entries(builder_for(kind), count=3) for kind in kinds}
+    entries = {kind: smooth_entries(kind) for kind in kinds}
     return {k: write_bag(bag_path(folder, k, k), k, entries[k]) for k in kinds}
 
 

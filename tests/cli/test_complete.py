@@ -1,6 +1,7 @@
 """The whole command, files to files; a completer that needs no checkpoint stands for the model."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -52,9 +53,11 @@ def test_the_record_is_all_that_is_on_stdout(
     assert (result.exit_code, result.stderr) == (0, "")
     record = json.loads(result.stdout)
     assert record.keys() >= KEYS
-    assert (record["seed"], record["load_seconds"] >= 0) == (4, True)
+    assert record["seed"] == 4
+    assert record["load_seconds"] >= 0
     assert record["treated_as_missing"].keys() == {
-        *("zero", "negative", "non_finite", "saturated", "beyond_max_depth", "beyond_limits")
+        *("zero", "negative", "non_finite", "saturated", "beyond_max_depth", "beyond_limits"),
+        *("repeated", "absurd"),
     }
 
 
@@ -79,8 +82,7 @@ def test_a_folder_gives_a_record_a_line_and_the_bytes_of_single_runs(
     out = tmp_path / "out"
     result = run(images, depths, "-o", out, "--output-format", "npy", "--json")
     assert result.exit_code == 0
-    assert result.stderr.startswith(f"{PAIRED}3 completed, 0 skipped, 0 failed, ")
-    assert result.stderr.endswith(" frames/s\n")
+    assert re.fullmatch(f"{PAIRED}3 completed, 0 skipped, 0 failed, .* frames/s\n", result.stderr)
     records = [json.loads(line) for line in result.stdout.splitlines()]
     assert [Path(record["output"]).name for record in records] == [
         *("0000.npy", "0001.npy", "0002.npy")
@@ -139,7 +141,8 @@ def test_relative_depth_of_an_image_alone(
     out = tmp_path / "out.png"
     result = run(frame_files[0], "--no-measurements", "-o", out, "--json")
     record = json.loads(result.stdout)
-    assert (record["metric"], record["depth"], record["treated_as_missing"]) == (False, None, None)
+    assert (record["metric"], record["depth"]) == (False, None)
+    assert not any(record["treated_as_missing"].values())
     assert np.asarray(Image.open(out)).max() > 40_000
 
 

@@ -18,8 +18,8 @@ OURS = Finishing(robust=True, consistent=True, least_share=0.02)
 CALIBRATED = replace(
     OURS,
     uncertainty=UncertaintyModel(
-        near=0.01, reach=0.5, drift=0.2, length=0.03, origin=0.8, moved=0.7, farther=0.3, nearer=0.4,
-        relief=10.0, by_kind=(0.8, 1.0, 1.6, 1.6),
+        near=0.01, reach=0.5, drift=0.2, length=0.03, origin=0.8, moved=0.7, farther=0.3,
+        nearer=0.4, relief=10.0, by_kind=(0.8, 1.0, 1.6, 1.6),
     ),
 )  # fmt: skip
 

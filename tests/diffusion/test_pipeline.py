@@ -554,7 +554,8 @@ def test_a_mirrored_ensemble_answers_a_mirrored_frame_with_the_mirror_image(
 def test_a_checkpoint_that_continues_the_known_is_told_what_was_measured(
     pipeline: SteeredMarigoldPipeline,
 ) -> None:
-    image, depth, mask = frame()
+    image, _, mask = frame()
+    depth = 1 + torch.arange(WIDTH) / WIDTH + torch.zeros(HEIGHT, 1)  # nothing to distrust
     mask[:, :20] = True
     mask[:, 30:] = False
     inputs: list[torch.Tensor] = []
@@ -574,7 +575,7 @@ def test_a_checkpoint_that_continues_the_known_is_told_what_was_measured(
     pipeline(image, depth, mask, **arguments)
     first, second = inputs
     same = (first == second).all(dim=1)
-    assert not same[0, :, 0].any()  # the plain view is told its left
+    assert same[0, :, 0].sum() <= 1  # the plain view is told its left, where it is believed
     assert same[0, :, -1].all()
     assert not same[1, :, -1].all()  # the mirrored one its right
     assert same[1, :, 0].all()

@@ -24,11 +24,11 @@ from PIL import Image
 from steered_marigold.batch.job import JobSettings, plan
 from steered_marigold.batch.manifest import describe_settings, require_same_settings
 from steered_marigold.batch.run import complete_all
+from steered_marigold.datasets.recording import recorded_frame
 from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.errors import SteeredMarigoldError
 from steered_marigold.evaluation.results import ResultLog
 from steered_marigold.frames.outputs import Outputs
-from steered_marigold.frames.recordings import recorded_frame
 from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
 from steered_marigold.io.bags import open_recording
 from steered_marigold.io.confidence_maps import read_confidence

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, distribution, requires
+from typing import Any
 
 from packaging.requirements import Requirement
 
@@ -48,7 +49,7 @@ def test_every_required_package_has_a_free_licence() -> None:
     assert {"torch", "numpy", "diffusers"} <= found
     unknown = {}
     for name in sorted(found):
-        told = distribution(name).metadata
+        told: Any = distribution(name).metadata
         kinds = [x for x in told.get_all("Classifier") or () if x.startswith("License ::")]
         kinds += told.get_all("License-Expression") or ()
         kinds += [text[:300] for text in told.get_all("License") or ()]

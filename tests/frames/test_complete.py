@@ -15,7 +15,8 @@ from tests.frames.completers import HEIGHT, WIDTH, NearestCompleter, SilentCompl
 VALUES = {
     *("frame", "method", "steers", "seed", "seconds", "metric", "scale", "shift"),
     *("depth_min_m", "depth_max_m", "exact_codec_steps", "linear_codec_steps"),
-    *("input_valid_fraction", "trusted", "untrusted", "floored", "not_positive", "too_uncertain"),
+    *("input_valid_fraction", "trusted", "untrusted", "floored", "beyond_range"),
+    *("not_positive", "too_uncertain"),
     "treated_as_missing",
 }
 
@@ -40,7 +41,7 @@ def test_the_record_says_what_happened(completer: NearestCompleter, frame: Frame
     assert (values["metric"], values["scale"], values["shift"]) == (True, 4.0, 0.5)
     assert (values["frame"], values["seed"], values["steps"]) == ("f", 3, 1)
     assert (values["trusted"], values["untrusted"]) == (int(frame.valid_mask.sum()), 0)
-    assert values["treated_as_missing"] == frame.missing
+    assert values["treated_as_missing"] == {**frame.missing, "repeated": 0, "absurd": 0}
     assert record.notices == ()
     assert json.loads(json.dumps(record.to_json(), allow_nan=False)) == {**values, "notices": []}
 

@@ -90,9 +90,9 @@ class Actions:
             if path is not None and not path.is_relative_to(session.folder):
                 setattr(session, name, None)  # of a sample, or of the server
         if image is not None:
-            session.image = session.keep(image)
+            session.image = session.keep(image, "image")
         if depth:
-            kept = [session.keep(path) for path in depth]
+            kept = [session.keep(path, "depth") for path in depth]
             session.depth = inputs.depth_file(kept)
             if session.depth is None:
                 raise InputError(
@@ -192,14 +192,14 @@ class Actions:
 
     # taking away
 
-    def mesh(self, session: Session, most_uncertain: float | None) -> tuple[Path, str]:
-        """The result as a .glb file, and what to know of it."""
+    def mesh(self, session: Session, most_uncertain: float | None) -> tuple[Path, float, str]:
+        """The result as a .glb file, from how far it was seen [m], and what to know of it."""
         frame, completion, _ = _completed(session)
         if not completion.metric:
             raise InputError("Nothing was measured, so there are no metres to build a scene of.")
         sigma = completion.uncertainty
         path = session.folder / "scene.glb"
-        write_mesh(
+        distance = write_mesh(
             path,
             completion.depth[0],
             frame.image,
@@ -208,7 +208,7 @@ class Actions:
             most_uncertain=most_uncertain,
         )
         guessed = "The camera is not known: the scene assumes a view 60° wide."
-        return path, "" if frame.K is not None else words.box("note", guessed)
+        return path, distance, "" if frame.K is not None else words.box("note", guessed)
 
     def downloads(self, session: Session) -> dict[str, Path]:
         """The files of the result, by kind; those that it has."""

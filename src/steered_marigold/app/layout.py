@@ -7,6 +7,7 @@ from typing import Any
 import gradio as gr
 
 from steered_marigold.app.inputs import SAMPLES, Disk
+from steered_marigold.app.meshes import BACKGROUND
 from steered_marigold.diffusion.settings import PRESETS
 from steered_marigold.io.depth_encodings import DEPTH_ENCODINGS
 from steered_marigold.io.depth_files import DEPTH_SUFFIXES
@@ -126,6 +127,7 @@ def build_layout(checkpoints: list[str], disk: Disk | None) -> Layout:
         with gr.Column(scale=1, min_width=320, elem_id="choices"):
             parts = _frame_choice(disk) | _reading() | _run(checkpoints)
         with gr.Column(scale=3, min_width=320, elem_id="answers"):
+            parts["status"] = gr.HTML("", elem_id="status")
             parts["message"] = gr.HTML("", elem_id="message")
             with gr.Tabs(elem_id="views") as parts["tabs"]:
                 parts |= _pictures() | _hole() | _scene() | _method() | _downloads()
@@ -154,13 +156,13 @@ def _frame_choice(disk: Disk | None) -> dict[str, Any]:
             }
         with gr.Tab("Your files"):
             parts["image"] = gr.File(
-                label="Image", file_types=list(IMAGE_SUFFIXES), height=110, elem_id="image-file"
+                label="Image", file_types=list(IMAGE_SUFFIXES), height=130, elem_id="image-file"
             )
             parts["depth"] = gr.File(
                 label="Depth map (with its metadata, if any)",
                 file_types=[*DEPTH_SUFFIXES, ".txt", ".json"],
                 file_count="multiple",
-                height=110,
+                height=130,
                 elem_id="depth-file",
             )
         if disk is not None:
@@ -240,9 +242,8 @@ def _run(checkpoints: list[str]) -> dict[str, Any]:
     with gr.Row():
         complete = gr.Button("Complete", variant="primary", elem_id="complete", min_width=150)
         cancel = gr.Button("Cancel", interactive=False, elem_id="cancel", min_width=90)
-    status = gr.HTML("", elem_id="status")
     run = RunFields(checkpoint=checkpoint, preset=preset, strength=strength, seed=seed)
-    return {"run": run, "complete": complete, "cancel": cancel, "status": status}
+    return {"run": run, "complete": complete, "cancel": cancel}
 
 
 def _preset_order(name: str) -> int:
@@ -283,7 +284,7 @@ def _scene() -> dict[str, Any]:
         scene = gr.Model3D(
             show_label=False,
             height=520,
-            clear_color=(0.965, 0.965, 0.965, 1.0),
+            clear_color=_clear_colour(),
             interactive=False,
             elem_id="scene",
         )
@@ -299,6 +300,11 @@ def _scene() -> dict[str, Any]:
         )
         note = gr.HTML("")
     return {"scene_tab": tab, "scene": scene, "certainty": certainty, "scene_note": note}
+
+
+def _clear_colour() -> tuple[float, float, float, float]:
+    red, green, blue = (c / 255 for c in BACKGROUND)
+    return red, green, blue, 1.0
 
 
 def _method() -> dict[str, Any]:

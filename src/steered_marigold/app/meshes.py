@@ -1,6 +1,7 @@
 """A completed frame as a surface that a browser can turn: binary glTF."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from steered_marigold.io.files import atomic_write
 
 _LONGEST_SIDE = 320  # vertices; the picture on them keeps all its pixels
 _EDGE = 0.06  # neighbours whose depths differ by a larger share do not touch
-_BACKGROUND = 246  # grey that uncertain points fade into
+BACKGROUND = (40, 46, 56)  # behind the surface; uncertain points fade into it
 _FIELD_OF_VIEW = 60.0  # degrees across the image, where nobody tells the camera
 
 
@@ -36,25 +37,26 @@ def write_mesh(
     *,
     uncertainty: Float[Tensor, "height width"] | None = None,
     most_uncertain: float | None = None,
-) -> int:
-    """Writes a .glb, y up, with triangles between neighbours that are no depth edge; their number.
+) -> float:
+    """Writes a .glb, y up, with triangles between neighbours that are no depth edge.
 
-    most_uncertain: points whose uncertainty [m] is larger are left out, and those above half of it
-    fade. Depth [m] of 0 is unknown. Raises InputError if `path` cannot be written.
+    Returns how far the camera was from the middle of what is shown [m]. most_uncertain: points
+    whose uncertainty [m] is larger are left out, and those above half of it fade. Depth [m] of 0 is
+    unknown. Raises InputError if `path` cannot be written.
     """
     step = -(-max(depth.shape) // _LONGEST_SIDE)
     shown, picture = depth > 0, image.numpy()
     if uncertainty is not None and most_uncertain is not None:
         shown = shown & (uncertainty <= most_uncertain)
         share = (2 * uncertainty.numpy() / most_uncertain - 1).clip(0, 1)[..., None]
-        picture = np.rint(picture * (1 - share) + _BACKGROUND * share).astype(np.uint8)
+        picture = np.rint(picture * (1 - share) + np.array(BACKGROUND) * share).astype(np.uint8)
     points = unproject(depth, K)[::step, ::step]
     faces = _faces(depth[::step, ::step], shown[::step, ::step])
     height, width = points.shape[:2]
     v, u = np.mgrid[0:height, 0:width]
     uv = np.stack([(u * step + 0.5) / depth.shape[1], 1 - (v * step + 0.5) / depth.shape[0]], -1)
     # a surface that shines by itself looks as the image does, whatever the light
-    material = PBRMaterial(
+    material = PBRMaterial(  # type: ignore[no-untyped-call]
         emissiveTexture=Image.fromarray(picture),
         emissiveFactor=[1.0, 1.0, 1.0],
         baseColorFactor=[0, 0, 0, 255],
@@ -65,13 +67,14 @@ def write_mesh(
     mesh = trimesh.Trimesh(
         vertices=points.reshape(-1, 3).numpy() * (1, -1, -1),
         faces=faces,
-        visual=TextureVisuals(uv=uv.reshape(-1, 2), material=material),
+        visual=TextureVisuals(uv=uv.reshape(-1, 2), material=material),  # type: ignore[no-untyped-call]
         process=False,
     )
     mesh.remove_unreferenced_vertices()
     with atomic_write(path) as temporary:
-        temporary.write_bytes(mesh.export(file_type="glb"))
-    return len(faces)
+        content: Any = mesh.export(file_type="glb")
+        temporary.write_bytes(content)
+    return float(-mesh.bounds[:, 2].mean()) if len(faces) else 0.0
 
 
 def _faces(

@@ -25,9 +25,10 @@ _QUIET: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"
 
 def build_page(actions: Actions, sessions: Sessions) -> gr.Blocks:
     """The page, not served yet."""
-    with gr.Blocks(
+    page = gr.Blocks(
         title="SteeredMarigold", analytics_enabled=False, fill_width=True, delete_cache=(600, 3600)
-    ) as page:
+    )
+    with page:
         wiring = _Wiring(
             build_layout(list(actions.models.checkpoints), actions.disk), actions, sessions
         )
@@ -167,8 +168,12 @@ class _Wiring:
         def scene(session: Session, most_uncertain: float) -> Updates:
             if session.completed is None:
                 return {}
-            path, note = self.actions.mesh(session, most_uncertain)
-            return {page.scene: str(path), page.scene_note: note}
+            path, distance, note = self.actions.mesh(session, most_uncertain)
+            seen_from = (90, 85, distance or None)  # where the camera was, a little higher
+            return {
+                page.scene: gr.update(value=str(path), camera_position=seen_from),
+                page.scene_note: note,
+            }
 
         def downloads(session: Session) -> Updates:
             if session.completed is None:
@@ -294,7 +299,7 @@ def _reading(
     scale: float | None,
     farthest: float | None,
     baseline: float | None,
-    camera: str,
+    camera: str | None,
     member: str,
     registered: bool,
 ) -> Reading:
@@ -305,5 +310,5 @@ def _reading(
         depth_encoding=encoding,
         baseline=baseline or None,
         registered=registered,
-        intrinsics=read_intrinsics(camera) if camera.strip() else None,
+        intrinsics=read_intrinsics(camera) if camera and camera.strip() else None,
     )

@@ -6,6 +6,8 @@ and what the page loads may only come from this server.
 
 import hmac
 import ipaddress
+import json
+import re
 from collections.abc import Awaitable, Callable, MutableMapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ _HEADERS = [
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
 ]
+_FETCHED = re.compile(r"/(file=\w+:/|proxy=)")  # paths under which Gradio fetches from elsewhere
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 
 
@@ -41,9 +44,10 @@ def is_local(host: str) -> bool:
 
 
 class SameOrigin:
-    """Refuses requests from other origins, and from other names of a local server.
+    """Refuses requests from other origins, from other names of a local server, and for addresses.
 
-    A page of another site that resolves its own name to 127.0.0.1 would else be one of ours.
+    A page of another site that resolves its own name to 127.0.0.1 would else be one of ours; and
+    Gradio fetches what a visitor names by its address where a file is expected.
     """
 
     def __init__(self, app: App, *, local: bool) -> None:
@@ -53,9 +57,16 @@ class SameOrigin:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        if not self._allowed(dict(scope["headers"])):
+        path = scope.get("path", "")
+        if not self._allowed(dict(scope["headers"])) or _FETCHED.search(path):
             await _refuse(send)
             return
+        if scope.get("method") == "POST" and not path.endswith("/upload"):
+            body = await _read(receive)
+            if _names_address(body):
+                await _refuse(send)
+                return
+            receive = _again(body, receive)
 
         async def send_with_headers(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
@@ -72,6 +83,46 @@ class SameOrigin:
         if headers.get(b"sec-fetch-site") == b"cross-site" and origin is not None:
             return False
         return not self._local or urlsplit(f"//{host}").hostname in _LOCAL_NAMES
+
+
+async def _read(receive: Any) -> bytes:
+    body, more = b"", True
+    while more:
+        message = await receive()
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+    return body
+
+
+def _again(body: bytes, receive: Any) -> Any:
+    """A `receive` that gives the body once more, then what comes after it."""
+    given = False
+
+    async def again() -> Any:
+        nonlocal given
+        if given:
+            return await receive()
+        given = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return again
+
+
+def _names_address(body: bytes) -> bool:
+    """Whether JSON names a file by an address."""
+    try:
+        waiting: list[Any] = [json.loads(body)]
+    except ValueError:
+        return False  # a form, such as that of the log-in
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            if "://" in str(value.get("path") or ""):
+                return True
+            waiting += value.values()
+        elif isinstance(value, list):
+            waiting += value
+    return False
 
 
 async def _refuse(send: Any) -> None:

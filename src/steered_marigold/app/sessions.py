@@ -37,10 +37,10 @@ class Session:
     stop: Event = field(default_factory=Event)
     used: float = field(default_factory=time.monotonic)
 
-    def keep(self, uploaded: str | Path) -> Path:
-        """Moves an upload into the session's folder, under a name of its own."""
+    def keep(self, uploaded: str | Path, kind: str) -> Path:
+        """Moves an upload into the session's folder; those of different kinds may share names."""
         source = Path(uploaded)
-        target = self.folder / "uploads" / source.name
+        target = self.folder / kind / source.name
         if source != target:
             target.parent.mkdir(exist_ok=True)
             shutil.move(source, target)

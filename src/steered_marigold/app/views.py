@@ -161,13 +161,13 @@ def _paletted(values: NDArray[Any], scale: Normalize, colours: Colormap) -> str:
 def _colours(values: NDArray[Any], scale: Normalize, colours: Colormap) -> NDArray[np.uint8]:
     """Indices into the palette; what is not known has the last one."""
     known = np.isfinite(values)
-    shares = np.clip(scale(np.where(known, values, scale.vmin)), 0, 1)
+    shares = np.clip(scale(np.where(known, values, scale.vmin or 0.0)), 0, 1)
     return np.where(known, np.rint(shares * (_COLOURS - 1)), _COLOURS).astype(np.uint8)
 
 
 def _palette(colours: Colormap) -> NDArray[np.uint8]:
     shares = np.append(np.linspace(0, 1, _COLOURS), np.nan)
-    return np.rint(colours(shares)[:, :3] * 255).astype(np.uint8)
+    return np.asarray(np.rint(colours(shares)[:, :3] * 255), np.uint8)
 
 
 def _view(

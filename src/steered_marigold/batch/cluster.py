@@ -43,7 +43,7 @@ class RayEngine(Engine):
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **how)
         except (ConnectionError, ValueError) as error:
             raise InputError(f"`ray_address` {address} cannot be reached: {error}") from error
-        resources = ray.cluster_resources()
+        resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         self._gpus = int(resources.get("GPU", 0))
         room = self._gpus or max(1, (int(resources.get("CPU", 1)) - 1) // threads)
         if actors is not None and actors > room:
@@ -66,13 +66,14 @@ class RayEngine(Engine):
         context = ray.data.DataContext.get_current()
         context.enable_progress_bars = False
         context.print_on_execution_start = False
-        blocks = [ray.put(_table(some)) for some in _blocks(tasks)]
+        blocks: list[Any] = [ray.put(_table(some)) for some in _blocks(tasks)]
+        share: dict[str, Any] = {"num_gpus": 1} if self._gpus else {"num_cpus": self.threads}
         results = ray.data.from_arrow_refs(blocks).map_batches(
             _Actor,
             fn_constructor_args=(start, self.threads),
             batch_size=None,
             compute=ray.data.ActorPoolStrategy(size=self.workers),
-            **({"num_gpus": 1} if self._gpus else {"num_cpus": self.threads}),
+            **share,
         )
         try:
             for row in results.iter_rows():

@@ -198,8 +198,8 @@ def agree_with_measurements(
     """Depth [m] corrected to meet the trusted measurements [m] to within the sensor's noise.
 
     depth: positive. confidence: in [0, 1], divides the noise's variance; None is 1 everywhere.
-    image: RGB in [0, 1]. With exact measurements (noise 0 and no confidence) the result equals
-    them; without any the depth is returned unchanged.
+    image: RGB in [0, 1]. Exact measurements (noise 0) of confidence 1 are met to the bit; without
+    any measurements the depth is returned unchanged.
     """
     if not bool(trusted.any()):
         return depth
@@ -208,6 +208,7 @@ def agree_with_measurements(
     if confidence is not None:
         weight = weight.mul_(confidence)
     corrected = solve_log_depth(depth.log(), measured.log_(), weight, image).exp_()
-    if noise.exact and confidence is None:
-        corrected = torch.where(trusted, sparse_depth, corrected)
+    if noise.exact:
+        certain = trusted if confidence is None else trusted & (confidence >= 1)
+        corrected = torch.where(certain, sparse_depth, corrected)
     return corrected

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+import torch
+from jaxtyping import Bool, Complex, Float, UInt8
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 from torch import Tensor
 
 from steered_marigold.core.notices import Notice, Notices
@@ -123,15 +124,22 @@ def _agreements(
 ) -> NDArray[np.float32]:
     """Mean strength under the edges at each scale and shift of -reach..reach, [scale, y, x]."""
     shape = np.array(strength.shape)
-    fast = [fft.next_fast_len(int(size) + 2 * reach, real=True) for size in shape]
-    image_spectrum = fft.rfft2(np.pad(strength - strength.mean(), reach), fast)
+    fast = [-(-(int(size) + 2 * reach) // 32) * 32 for size in shape]
+    image_spectrum = _spectrum(np.pad(strength - strength.mean(), reach), fast)
     surfaces = []
     for scale in _SCALES:
         moved = np.rint((edges - shape / 2) * scale + shape / 2).astype(int) + reach
         inside = ((moved >= 0) & (moved < shape + 2 * reach)).all(axis=1)
         marks = np.zeros(fast, np.float32)
         marks[tuple(moved[inside].T)] = 1
-        correlation = fft.irfft2(np.conj(fft.rfft2(marks)) * image_spectrum, fast)
+        product = _spectrum(marks, fast).conj() * image_spectrum
+        correlation = torch.fft.irfft2(product, fast).numpy()
         around = np.roll(correlation, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
         surfaces.append(around / max(marks.sum(), 1))
     return np.stack(surfaces)
+
+
+def _spectrum(values: NDArray[np.float32], size: list[int]) -> Complex[Tensor, "rows columns"]:
+    """PyTorch's transform, which is loaded already; SciPy's costs a quarter of a second."""
+    spectrum: Tensor = torch.fft.rfft2(torch.from_numpy(values), size)
+    return spectrum

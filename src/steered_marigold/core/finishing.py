@@ -16,7 +16,11 @@ from steered_marigold.core.alignment import (
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise, agree_with_measurements
 from steered_marigold.core.outliers import Judgement, judge_measurements
-from steered_marigold.core.uncertainty import UncertaintyModel, estimate_uncertainty
+from steered_marigold.core.uncertainty import (
+    DEFAULT_NOISE,
+    UncertaintyModel,
+    estimate_uncertainty,
+)
 
 # a depth so many times farther than all that was measured, or nearer, is said to be beyond it
 BEYOND = 2.0
@@ -48,13 +52,17 @@ def finish(
     settings: Finishing,
     *,
     noise: SensorNoise,
+    assumed_noise: SensorNoise = DEFAULT_NOISE,
     confidence: Float[Tensor, "height width"] | None = None,
     image: Float[Tensor, "3 height width"] | None = None,
 ) -> DepthCompletion:
     """The completion of one image, batch axis 1.
 
     members: affine-invariant depth in [0, 1] of each ensemble member, at the measurements' size.
-    Each is fitted to the measurements [m] on its own; the answer is their median.
+    Each is fitted to the measurements [m] on its own; the answer is their median. noise: how
+    closely the answer meets the measurements. assumed_noise: of a measurement that is met exactly,
+    for the uncertainty, which is never 0; to DEFAULT_NOISE belong the steps of the file, if known,
+    in metres divided by the square root of 12.
     """
     members = members.float()
     measured = sparse_depth, valid_mask, confidence
@@ -81,7 +89,13 @@ def finish(
     if settings.uncertainty is not None:
         doubt = None if positive is None else positive.doubt(affine)[0]
         uncertainty = estimate_uncertainty(
-            settings.uncertainty, prior, depth, sparse_depth, trusted, doubt, noise
+            settings.uncertainty,
+            prior,
+            depth,
+            sparse_depth,
+            trusted,
+            doubt,
+            assumed_noise if noise.exact else noise,
         )
         # the truth may be what was measured, what is answered, or another
         contradiction = torch.where(judged.doubted, (sparse_depth - depth).abs() / 2, 0.0)

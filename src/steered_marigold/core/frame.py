@@ -27,8 +27,9 @@ class Frame:
 
     image: RGB in 0..255. sparse_depth: [m], z along the optical axis, 0 where valid_mask is False.
     valid_mask: where depth was measured. confidence: in [0, 1], the weight of each measurement;
-    None: all weigh the same. K: intrinsics [px], if known. id: the frame's name among others.
-    stamp: when it was taken [s], if known.
+    None: all weigh the same. K: intrinsics [px], if known. pose: the camera's place in the world,
+    camera to world, 4x4 [m], if known. id: the frame's name among others. stamp: when it was taken
+    [s], if known.
     missing: how many pixels of the depth that was read count as not measured, by reason.
     notices: what was read otherwise than written, or looks wrong.
     """
@@ -38,6 +39,7 @@ class Frame:
     valid_mask: Bool[Tensor, "height width"]
     confidence: Float[Tensor, "height width"] | None = None
     K: Float[Tensor, "3 3"] | None = None
+    pose: Float[Tensor, "4 4"] | None = None
     id: str = ""
     stamp: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
@@ -76,10 +78,20 @@ class Frame:
             K=K,
         )
 
+    def motion_to(self, later: "Frame") -> Float[Tensor, "4 4"] | None:
+        """Takes points [m] of this camera's frame to the later one's; None without both poses."""
+        if self.pose is None or later.pose is None:
+            return None
+        motion: Tensor = torch.linalg.inv(later.pose.double()) @ self.pose.double()
+        return motion.float()
+
     def plausible(self) -> "Frame":
         """Without measurements that can be no depths of one scene, which are counted and said."""
         found = plausible_measurements(self.sparse_depth, self.valid_mask)
-        counts = {"repeated": found.repeated, "absurd": found.absurd}
+        counts = {
+            name: self.missing.get(name, 0) + more
+            for name, more in (("repeated", found.repeated), ("absurd", found.absurd))
+        }
         notices = self.notices
         if found.repeated:
             values = " and ".join(f"{value:.4g} m" for value in found.fills)
@@ -99,6 +111,7 @@ def make_frame(
     *,
     confidence: Any = None,
     K: Any = None,
+    pose: Any = None,
     id: str = "",
     stamp: float | None = None,
 ) -> Frame:
@@ -107,6 +120,7 @@ def make_frame(
     image: [height, width, 3 or 4], [height, width] or [height, width, 1]; uint8, uint16, or floats
     in 0..1. sparse_depth: [m], [height, width], of any real type; None: nothing was measured.
     valid_mask: bool; None: where depth is finite and positive. confidence: in 0..1. K: 3x3.
+    pose: 4x4, camera to world [m].
 
     Raises InputError or SizeMismatchError, naming the argument, for what is none of these.
     """
@@ -123,18 +137,17 @@ def make_frame(
                 f"`{name}` is {list(values.shape)} but the image {[height, width]} "
                 "(height, width); they must agree"
             )
-    frame = Frame(
+    return Frame(
         image=pixels,
         sparse_depth=depth,
         valid_mask=valid,
         confidence=weights,
         K=None if K is None else check_intrinsics(K),
+        pose=None if pose is None else check_pose(pose),
         id=id,
         stamp=stamp,
-        notices=notices,
-    ).plausible()
-    doubts = scale_doubts(frame.sparse_depth, frame.valid_mask)
-    return replace(frame, notices=frame.notices + doubts)
+        notices=notices + scale_doubts(depth, valid),
+    )
 
 
 def rgb_bytes(image: Any) -> tuple[UInt8[Tensor, "height width 3"], Notices]:
@@ -178,6 +191,18 @@ def check_intrinsics(K: Any) -> Float[Tensor, "3 3"]:
         matrix[2].tolist() != [0, 0, 1]
     ):
         raise InputError("`K` must be [fx, skew, cx; 0, fy, cy; 0, 0, 1], focal lengths positive")
+    return torch.from_numpy(matrix.astype(np.float32))
+
+
+def check_pose(pose: Any) -> Float[Tensor, "4 4"]:
+    """A pose as float32; InputError unless it is a finite 4x4 with [0, 0, 0, 1] below."""
+    matrix = as_array("pose", pose)
+    if (
+        matrix.shape != (4, 4)
+        or not np.isfinite(matrix).all()
+        or matrix[3].tolist() != [0, 0, 0, 1]
+    ):
+        raise InputError("`pose` must be a finite 4x4 matrix, camera to world, [0, 0, 0, 1] below")
     return torch.from_numpy(matrix.astype(np.float32))
 
 

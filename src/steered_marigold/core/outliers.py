@@ -51,6 +51,9 @@ EDGE = 0.12
 RAMP = 0.7
 FEW_RAMPS = 0.07
 WIDER = 2.0
+# [px] between measurements, from which their surroundings say too little: with 5 % of the pixels
+# measured (4.5 px) the other tests cost 20 % of RMSE on clean tune frames
+SPARSE_SPACING = 3.0
 # a measurement this many spreads from the prior is questioned, and needs neighbours that agree
 GATE = 1.5
 NEIGHBOURS = 8
@@ -94,8 +97,9 @@ def judge_measurements(
       surroundings is what is usual), and from all of the prior nearby, whose edges are a little
       misplaced; but not where they are thin, long and nearer;
     - fly: lie between both sides of a depth edge, and between their own neighbours;
-    - stand alone: off the prior, and fewer than two of their eight nearest neighbours agree in
-      depth or in distance from the prior.
+    - stand alone: off the prior and all of it nearby, and fewer than two of their eight nearest
+      neighbours agree in depth or in distance from the prior.
+    Sparse measurements are judged by the last alone: what lies between them is not known.
     All gates widen with the spread found in the data. Four measurements or fewer are believed.
     """
     if int(mask.sum()) <= 4:
@@ -112,9 +116,13 @@ def judge_measurements(
     unexplained = np.maximum(nearest - (depth - usual), (depth - usual) - farthest)
     against = measured & (np.abs(offset) > CONTRADICTION + DEVIATIONS * deviation)
     against &= unexplained > UNEXPLAINED * np.abs(offset)
+    dense = spacing < SPARSE_SPACING
+    against &= dense
     against = (against & (offset > 0)) | _without_thin(against & (offset < 0))
-    left_out = against | _alone(depth, residual, measured & ~against, spacing)
-    left_out |= _flying(depth, measured & ~left_out)
+    left_out = _alone(depth, residual, measured & ~against, spacing) & (unexplained > 0)
+    left_out |= against
+    if dense:
+        left_out |= _flying(depth, measured & ~left_out)
     if not (measured & ~left_out).any():  # with none believed there would be no answer
         left_out[:] = False
     trusted = torch.from_numpy(measured & ~left_out).to(mask.device)

@@ -23,6 +23,8 @@ FILL_PIXELS = 50
 FAR_FACTOR = 5.0
 FILL_FACTOR = 1.5
 FILL_FREQUENCY = 3.0
+# where most measurements have the value it is a wall, unless it is so many times farther
+MAJORITY_FACTOR = 20.0
 # farther than this many times what nine in ten reach, or nearer likewise, is no depth of the same
 # scene: LiDAR from 2 to 100 m and a hand at 10 cm before a wall at 5 m are within it
 ABSURD_FACTOR = 50.0
@@ -79,7 +81,11 @@ def _fill(depth: NDArray[np.float32]) -> float | None:
         beyond = max(extreme / far, near / extreme)
         frequency = np.unique(others, return_counts=True)[1].max() * (len(depth) - count)
         frequent = count * len(others) > FILL_FREQUENCY * frequency
-        if beyond > FAR_FACTOR or (beyond > FILL_FACTOR and frequent):
+        if 2 * count > len(depth):
+            is_fill = beyond > MAJORITY_FACTOR
+        else:
+            is_fill = beyond > FAR_FACTOR or (beyond > FILL_FACTOR and frequent)
+        if is_fill:
             return float(extreme)
     return None
 

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from steered_marigold.core.consistency import SensorNoise
 
-# what a sensor's depth is worth where nobody says: 0.2 % of it, next to the steps of its file
+# what a sensor's depth is worth where nobody says, next to the steps of its file: structured light
+# and time of flight reach 0.2 % of depth at their best
 DEFAULT_NOISE = SensorNoise(fraction=0.002)
 # side of the window of `steps`, as a share of the image's diagonal
 STEPS_WINDOW = 0.04
@@ -30,7 +31,7 @@ BLOCKS = 16  # of an image's height, and of its width; finer ones miss the rows 
 
 
 class Hole(IntEnum):
-    """Where a pixel lies. INSIDE: between measurements, in its row or column of BLOCKS. BESIDE: not.
+    """Where a pixel lies. INSIDE: between measurements in its row or column of BLOCKS. BESIDE: not.
 
     FARTHER, NEARER: in an image whose holes lie beyond the measured range.
     """
@@ -56,9 +57,9 @@ class UncertaintyModel:
     range. steps: mean difference of the prior's log depth between neighbours around a pixel: where
     depth jumps, it jumps elsewhere.
 
-    near: relative error beside a measurement. distance, length: shares of the image's diagonal. by_kind: a
-    factor for each kind of `Hole`, such that 90 % of the errors on the tune frames lie within the
-    90 % interval.
+    near: relative error beside a measurement. distance, length: shares of the image's diagonal.
+    by_kind: a factor for each kind of `Hole`, such that 90 % of the errors on the tune frames lie
+    within the 90 % interval.
     """
 
     near: float
@@ -135,12 +136,12 @@ def estimate_uncertainty(
 
     prior, depth: metric depth before and after it was made to agree with the measurements, of
     which there is at least one trusted. doubt: of the prior's log depth for want of its origin.
-    noise: the sensor's; exact stands for unknown, DEFAULT_NOISE. Multiplying prior, depth and
-    measurements by a number multiplies the result by it, if the noise is a fraction.
+    noise: the sensor's, not 0. Multiplying prior, depth and measurements by a number multiplies the
+    result by it, if the noise is a fraction of depth.
     """
     around = circumstances(prior, depth, sparse_depth, trusted, doubt)
     relative = relative_uncertainty(model, around) * (~trusted)
-    sensor = (DEFAULT_NOISE if noise.exact else noise).relative(depth)
+    sensor = noise.relative(depth)
     return depth * (relative.square() + sensor.square()).sqrt()
 
 

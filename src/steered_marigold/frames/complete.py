@@ -47,6 +47,8 @@ def complete_frame(
 ) -> tuple[DepthCompletion, Record]:
     """Completes a frame on the CPU's side: the answer's tensors have left the device.
 
+    Measurements that can be no depth are left out, see `Frame.plausible`.
+
     no_measurements: where nothing was measured, give relative depth. max_uncertainty: depth whose
     uncertainty [m] is larger becomes 0, unknown.
 
@@ -57,6 +59,7 @@ def complete_frame(
         raise InputError(
             "without measurements the depth is relative: there are no metres for `max_uncertainty`"
         )
+    frame = frame.plausible()
     started = perf_counter()
     completion = completer.answer(
         frame, generator=torch.Generator().manual_seed(seed), relative=no_measurements

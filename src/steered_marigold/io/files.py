@@ -127,7 +127,7 @@ def atomic_writes(paths: Sequence[AnyPath]) -> Iterator[list[Path]]:
             temporary.unlink(missing_ok=True)
 
 
-def stale_temporaries(folder: AnyPath, *, older_than_s: float = _HOUR_S) -> list[Path]:
+def stale_temporaries(folder: AnyPath, *, older_than_s: int | float = _HOUR_S) -> list[Path]:
     """What a run that was killed left in `folder`: safe to remove, no run is still writing it.
 
     Temporary files whose last change is at least older_than_s seconds ago. A frame whose outputs

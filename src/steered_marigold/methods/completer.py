@@ -49,7 +49,7 @@ class DepthCompleter(ABC):
         Raises InputError for arrays that cannot be read so, SizeMismatchError if sizes differ,
         NoMeasurementsError if nothing was measured. Warns where the unit looks wrong.
         """
-        frame = make_frame(image, sparse_depth, valid_mask, confidence=confidence, K=K)
+        frame = make_frame(image, sparse_depth, valid_mask, confidence=confidence, K=K).plausible()
         for notice in frame.notices:
             warnings.warn(notice.text, stacklevel=2)
         return self.answer(frame, generator=generator, relative=sparse_depth is None)

@@ -256,6 +256,49 @@ def test_ros1_becomes_ros2_with_its_own_types_and_latching(tmp_path: Path) -> No
     assert read.header.frame_id == "base"
 
 
+@pytest.mark.parametrize("form", [None, "mcap"])
+def test_publishers_of_one_topic_may_be_several(tmp_path: Path, form: Any) -> None:
+    """As of /tf; ROS 1 tells them apart, ROS 2 does not."""
+    builder, path = Builder(1), tmp_path / "a.bag"
+    still = builder.transforms(("base", "camera", np.eye(4)))
+    with Writer1(path) as writer:
+        publishers = [
+            writer.add_connection(
+                "/tf", still.__msgtype__, typestore=builder.store, callerid=f"/node{i}"
+            )
+            for i in range(2)
+        ]
+        connections: dict[str, Any] = {}
+        for i, entry in enumerate(camera_entries(builder, 2)):
+            tf = Entry("/tf", entry.time, still)
+            writer.write(publishers[i % 2], tf.time, builder.serialized(tf))
+            if entry.topic not in connections:
+                connections[entry.topic] = writer.add_connection(
+                    entry.topic, entry.message.__msgtype__, typestore=builder.store
+                )
+            writer.write(connections[entry.topic], entry.time, builder.serialized(entry))
+    out = tmp_path / ("out" if form else "out.bag")
+    with open_recording(path) as recording:
+        copy_with(recording, out, [], format=form)
+    assert [item[:3] for item in _contents(out)] == [item[:3] for item in _contents(path)]
+    with open_reader(out) as reader:
+        tf_connections = [each for each in reader.connections if each.topic == "/tf"]
+    assert len(tf_connections) == (1 if form else 2)
+
+
+def test_messages_that_cannot_be_converted_are_named(tmp_path: Path) -> None:
+    builder, path = Builder(1), tmp_path / "a.bag"
+    entries = camera_entries(builder, 1)
+    text = builder.make("std_msgs/msg/String", data="twelve")
+    entries.append(Entry("/damaged", START, text, data=b"\xff\xff\xff\x7f"))
+    write_bag(path, "ros1", entries)
+    with open_recording(path) as recording:
+        copy_with(recording, tmp_path / "out.bag", [])  # bytes are bytes
+        with pytest.raises(InputError, match=r"std_msgs/msg/String of /damaged cannot be conv"):
+            copy_with(recording, tmp_path / "out", [], format="mcap")
+    assert not (tmp_path / "out").exists()
+
+
 def test_realsense_becomes_mcap_where_ros2_can_tell_its_unit(tmp_path: Path) -> None:
     for unit, name in ((0.001, "millimetres"), (0.00025, "quarters")):
         path = tmp_path / f"{name}.bag"

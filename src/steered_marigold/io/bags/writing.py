@@ -73,7 +73,7 @@ class Target:
         else:
             self._writer = _ros2_writer(reader, path, storage)
         is_converted = isinstance(reader, Reader1) and storage != "ros1"
-        self._conversion = _Conversion(reader) if is_converted else None
+        self._conversion = _Conversion(reader, path.name) if is_converted else None
 
     def __enter__(self) -> "Target":
         with write_errors(self._path):
@@ -111,8 +111,13 @@ class Target:
         self.copy(connection, time, data)
 
     def _written_as(self, connection: Connection) -> Connection:
-        """The connection of the output; equal ones of the recording become one."""
-        key = connection[1:5], repr(connection.ext)
+        """The connection of the output; those that it cannot tell apart become one."""
+        if isinstance(self._writer, Writer1):
+            key: Any = connection[1:5], connection.ext
+        elif isinstance(connection.ext, ConnectionExtRosbag1):  # ROS 2 does not name publishers
+            key = connection.topic, connection.msgtype, connection.ext.latching
+        else:
+            key = connection.topic, connection.msgtype, repr(connection.ext)
         if key not in self._connections:
             self._connections[key] = self._new_connection(connection)
         written: Connection = self._connections[key]
@@ -150,7 +155,7 @@ class Target:
     def _as_written(self, connection: Connection, data: bytes) -> bytes | memoryview:
         if self._conversion is None:
             return data
-        return self._conversion.convert(connection, data, str(self._path.name))
+        return self._conversion.convert(connection, data)
 
     def _definition(self, connection: Connection) -> tuple[str, str]:
         """Text and hash of a ROS 2 type: the recording's, else those that rosbags knows."""
@@ -164,14 +169,20 @@ class Target:
 
 
 class _Conversion:
-    """ROS 1 messages as ROS 2 messages."""
+    """ROS 1 messages as ROS 2 messages; InputError where that is impossible.
 
-    def __init__(self, reader: Reader) -> None:
+    where: names the output in errors.
+    """
+
+    def __init__(self, reader: Reader, where: str) -> None:
+        self._where = where
         self._source = get_typestore(Stores.EMPTY)
         for connection in reader.connections:
-            types = get_types_from_msg(connection.msgdef.data, connection.msgtype)
-            known = self._source.fielddefs
-            self._source.register({name: new for name, new in types.items() if name not in known})
+            with self._errors(connection.msgtype):
+                types = get_types_from_msg(connection.msgdef.data, connection.msgtype)
+                known = self._source.fielddefs
+                new = {name: fields for name, fields in types.items() if name not in known}
+                self._source.register(new)
         self._target = get_typestore(Stores.ROS2_HUMBLE)
         self._converters: dict[str, Any] = {}
         self._defaults: dict[str, object] = {}
@@ -180,18 +191,19 @@ class _Conversion:
         """The ROS 2 types, with the one that a ROS 1 type becomes."""
         name = STATIC_MSGTYPE_RENAMES.get(kind, kind)
         if name not in self._target.fielddefs:
-            text = self._source.generate_msgdef(kind, ros_version=2)[0]
-            known = self._target.fielddefs
-            types = get_types_from_msg(text, name)
-            self._target.register({new: t for new, t in types.items() if new not in known})
+            with self._errors(kind):
+                text = self._source.generate_msgdef(kind, ros_version=2)[0]
+                known = self._target.fielddefs
+                types = get_types_from_msg(text, name)
+                self._target.register({new: t for new, t in types.items() if new not in known})
         return self._target
 
-    def convert(self, connection: Connection, data: bytes, where: str) -> bytes | memoryview:
-        """The message in ROS 2; InputError if that is impossible."""
+    def convert(self, connection: Connection, data: bytes) -> bytes | memoryview:
+        """The message in ROS 2."""
         kind = connection.msgtype
-        try:
+        with self._errors(f"{kind} of {connection.topic}"):
             if kind == IMAGE:
-                data = _without_unit(connection.topic, data, where)
+                data = _without_unit(connection.topic, data, self._where)
             if kind not in self._converters:
                 with redirect_stdout(StringIO()):  # rosbags prints what it does
                     self._converters[kind] = generate_message_converter(
@@ -204,14 +216,20 @@ class _Conversion:
                         dst_is2=True,
                     )
             converted: bytes | memoryview = self._converters[kind](data)
+        return converted
+
+    @contextmanager
+    def _errors(self, what: str) -> Iterator[None]:
+        try:
+            yield
         except InputError:
             raise
         except Exception as error:  # rosbags raises many kinds
+            reason = " ".join(str(error).split())[:200]
             raise InputError(
-                f"{where}: {kind} of {connection.topic} cannot be converted to ROS 2 ({error}); "
-                "keep the recording's own format"
+                f"{self._where}: {what} cannot be converted to ROS 2 ({reason}); keep the "
+                "recording's own format"
             ) from error
-        return converted
 
 
 def _without_unit(topic: str, data: bytes, where: str) -> bytes:
