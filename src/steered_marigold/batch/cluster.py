@@ -63,6 +63,7 @@ class RayEngine(Engine):
         """See `Engine`; tasks lie in the cluster's memory, and none is lost: blocks are retried."""
         import ray
 
+        logging.getLogger("ray.data").setLevel(logging.ERROR)
         context = ray.data.DataContext.get_current()
         context.enable_progress_bars = False
         context.print_on_execution_start = False
