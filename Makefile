@@ -1,11 +1,12 @@
 # make demo: complete the sample frame.  make check, make docs, make test: what CI runs.
-# make bench: time and memory on this machine (docs/performance.md).
+# make bench: time and memory on this machine (docs/performance.md).  make page: the page in a browser.
+# make faults: the long tests of docs/reliability.md, an hour.  make sbom: what is installed, CycloneDX.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := src tests rooms training benchmarks examples
+SOURCES := src tests rooms training benchmarks examples docs
 
-.PHONY: demo test check docs format bench
+.PHONY: demo test check docs format bench page faults sbom
 
 # one environment, one stamp per set of requirements
 $(VENV)/.user: pyproject.toml constraints.txt
@@ -30,7 +31,7 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 
 docs: $(VENV)/.dev
-	$(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix $(SOURCES)
@@ -40,3 +41,13 @@ bench: $(VENV)/.user
 	$(BIN)/python -m benchmarks.waiting
 	$(BIN)/python -m benchmarks.performance
 	$(BIN)/python -m benchmarks.growth
+
+page: $(VENV)/.dev
+	$(BIN)/python -m pytest -q -m browser tests/app
+
+faults: $(VENV)/.dev
+	FAULTS=10000 $(BIN)/python -m pytest -q -m "slow or not slow" tests/faults tests/batch
+
+sbom: $(VENV)/.dev
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt cyclonedx-bom
+	$(BIN)/cyclonedx-py environment $(BIN)/python -o sbom.json

@@ -32,7 +32,7 @@ def smooth_entries(kind: str, count: int = 3) -> list[Entry]:
     """A registered camera before a slanted wall with a hole."""
     builder = builder_for(kind)
     entries = camera_entries(builder, count=count)
-    depth = np.tile(np.linspace(1500, 2500, 8).astype(np.uint16), (6, 1))
+    depth = np.tile(np.linspace(1500, 1700, 8).astype(np.uint16), (6, 1))
     depth[2:4, 3:5] = 0
     for entry in entries:
         if entry.topic == DEPTH:
