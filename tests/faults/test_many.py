@@ -9,7 +9,7 @@ import pytest
 
 from tests.faults.many import ROOT
 
-# listing, pairing and resume are linear in time and memory: docs/scale.md tells what a million costs
+# planning is linear in time and memory; docs/scale.md tells what a million costs
 FRAMES = 200_000 if "FAULTS" in os.environ else 20_000
 
 
