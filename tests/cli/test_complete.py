@@ -19,7 +19,17 @@ KEYS = {
     *("output", "preset", "steps", "seed", "seconds", "load_seconds", "input_valid_fraction"),
     *("scale", "shift", "depth_min_m", "depth_max_m", "metric", "device", "dtype", "checkpoint"),
     *("trusted", "untrusted", "floored", "unrepresentable", "treated_as_missing"),
-    *("image", "depth", "frame", "method", "steers", "notices", "points", "too_uncertain"),
+    *(
+        "image",
+        "depth",
+        "frame",
+        "method",
+        "steers",
+        "notices",
+        "points",
+        "not_positive",
+        "too_uncertain",
+    ),
 }
 PAIRED = "3 frames, paired by equal stems\n"
 Run = Callable[..., Result]
@@ -97,7 +107,32 @@ def test_a_failed_frame_shows_in_the_exit_code(
     assert "1 completed, 0 skipped, 2 failed" in result.stderr
     assert f"error: {images / '0001.png'}: " in result.stderr
     assert f"error: {images / '0002.png'}: belongs to no pair" in result.stderr
-    assert [path.name for path in (tmp_path / "out").glob("[!.]*")] == ["0000.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [".run", "0000.png"]
+
+
+def test_other_settings_than_those_of_the_results_stop_a_run(
+    run: Run, frame_folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    assert run(*frame_folders, "-o", tmp_path / "out").exit_code == 0
+    result = run(*frame_folders, "-o", tmp_path / "out", "--depth-scale", "0.002", "--steps", "3")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "another --depth-scale (null, now 0.002), --steps (null, now 3); --overwrite makes" in (
+        result.stderr
+    )
+    again = run(*frame_folders, "-o", tmp_path / "out", "--depth-scale", "0.002", "--overwrite")
+    assert again.exit_code == 0
+
+
+def test_options_of_another_engine_are_refused(
+    run: Run, frame_folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    result = run(*frame_folders, "-o", tmp_path / "out", "--actors", "2")
+    assert result.exit_code == 2
+    assert "--actors is of --engine ray" in result.stderr
+    result = run(*frame_folders, "-o", tmp_path / "out", "--engine", "ray", "--workers", "2")
+    assert result.exit_code == 2
+    assert "--workers is of --engine local" in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_relative_depth_of_an_image_alone(

@@ -1,7 +1,6 @@
 """Whatever numbers go in, finite and positive depth comes out, or one named error."""
 
 import os
-import warnings
 from contextlib import suppress
 from functools import cache
 
@@ -11,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.errors import InputError
+from steered_marigold.core.frame import make_frame
+from steered_marigold.errors import InputError, SteeredMarigoldError
+from steered_marigold.frames.complete import complete_frame
 from steered_marigold.methods.steered import SteeredCompleter
 from tests.diffusion.conftest import tiny_pipeline
 
@@ -28,15 +29,19 @@ def _completer(preset: str | None, dtype: torch.dtype = torch.float32) -> Steere
 
 
 def _complete(completer: SteeredCompleter, depth: torch.Tensor) -> DepthCompletion:
+    """As the commands do: what is at or behind the camera is 0, unknown."""
     image = torch.randint(0, 256, (*depth.shape, 3), generator=torch.Generator().manual_seed(0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of depth that is hardly in metres
-        return completer.complete(image.to(torch.uint8), depth)
+    frame = make_frame(image.to(torch.uint8), depth)
+    answer, record = complete_frame(completer, frame)
+    if completer.name in ("default", "fast"):  # they end with the final solve
+        assert record.values["not_positive"] == 0
+    assert record.values["not_positive"] == int((answer.depth == 0).sum())
+    return answer
 
 
 def _check(answer: DepthCompletion) -> None:
     assert torch.isfinite(answer.depth).all()
-    assert (answer.depth > 0).all()
+    assert (answer.depth >= 0).all()
     if answer.uncertainty is not None:
         assert torch.isfinite(answer.uncertainty).all()
         assert (answer.uncertainty > 0).all()
@@ -63,7 +68,11 @@ def test_depth_over_the_whole_range_of_floats(preset: str | None, values: list[f
 def test_every_preset_in_every_precision(preset: str | None, dtype: torch.dtype) -> None:
     depth = torch.linspace(0.5, 8, 24 * 32).reshape(24, 32)
     depth[::2] = 0
-    _check(_complete(_completer(preset, dtype), depth))
+    try:
+        _check(_complete(_completer(preset, dtype), depth))
+    except SteeredMarigoldError as error:  # a range that the steps of some presets leave
+        if dtype != torch.float16 or "not finite" not in str(error):
+            raise
 
 
 def _patterns() -> dict[str, torch.Tensor]:

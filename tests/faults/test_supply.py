@@ -50,9 +50,11 @@ def test_every_required_package_has_a_free_licence() -> None:
     unknown = {}
     for name in sorted(found):
         told: Any = distribution(name).metadata
-        licence = told.get("License-Expression") or told.get("License") or ""
         kinds = [x for x in told.get_all("Classifier") or () if x.startswith("License ::")]
-        if not _FREE.search(" ".join([licence[:300], *kinds])):
-            unknown[name] = licence[:100] or kinds
+        kinds += told.get_all("License-Expression") or ()
+        kinds += [text[:300] for text in told.get_all("License") or ()]
+        # where nothing says it, the readme may
+        if not _FREE.search(" ".join([*kinds, told.json["description"] if not kinds else ""])):
+            unknown[name] = kinds
     # NVIDIA's libraries come with torch on CUDA machines alone, under terms of their own
     assert {name for name in unknown if not name.startswith(("nvidia", "cuda"))} == set(), unknown

@@ -15,7 +15,8 @@ from tests.frames.completers import HEIGHT, WIDTH, NearestCompleter, SilentCompl
 VALUES = {
     *("frame", "method", "steers", "seed", "seconds", "metric", "scale", "shift"),
     *("depth_min_m", "depth_max_m", "exact_codec_steps", "linear_codec_steps"),
-    *("input_valid_fraction", "trusted", "untrusted", "floored", "beyond_range", "too_uncertain"),
+    *("input_valid_fraction", "trusted", "untrusted", "floored", "beyond_range"),
+    *("not_positive", "too_uncertain"),
     "treated_as_missing",
 }
 

@@ -39,7 +39,7 @@ class RayEngine(Engine):
             raise MissingExtraError("ray", "ray") from error
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
         try:
-            how = {} if address else {"include_dashboard": False}
+            how: dict[str, Any] = {} if address else {"include_dashboard": False}
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **how)
         except (ConnectionError, ValueError) as error:
             raise InputError(f"`ray_address` {address} cannot be reached: {error}") from error
@@ -63,6 +63,7 @@ class RayEngine(Engine):
         """See `Engine`; tasks lie in the cluster's memory, and none is lost: blocks are retried."""
         import ray
 
+        logging.getLogger("ray.data").setLevel(logging.ERROR)
         context = ray.data.DataContext.get_current()
         context.enable_progress_bars = False
         context.print_on_execution_start = False

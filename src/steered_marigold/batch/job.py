@@ -2,7 +2,7 @@
 
 import errno
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -59,16 +59,21 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """frames: what is to do, in order. folders: of the outputs. skipped: frames with results."""
+    """frames: ids of what is to do, in order. folders, suffix: of the outputs.
+
+    skipped: how many frames have their results.
+    """
 
     source: FileSource
     folders: Outputs
-    frames: Mapping[str, Outputs]
+    suffix: str
+    frames: Sequence[str]
     skipped: int
 
     def tasks(self) -> Iterator[FrameTask]:
         """The frames to do."""
-        for frame_id, outputs in self.frames.items():
+        for frame_id in self.frames:
+            outputs = self.folders.of_frame(frame_id, self.suffix)
             files = self.source.files[frame_id]
             read = partial(read_frame, files, self.source.reading, frame_id)
             yield FrameTask(files=files, outputs=outputs, read=read)
@@ -89,14 +94,13 @@ def plan(source: FileSource, folders: Outputs, *, suffix: str, overwrite: bool) 
     folders.of_frame(first, suffix).require_distinct(files)
     # a look into each folder, not one for each of a million files
     there = {folder: _names_in(folder) for folder in folders.asked().values()}
-    frames = {}
+    frames = []
     for frame_id in source.files:
-        outputs = folders.of_frame(frame_id, suffix)
-        if overwrite or not all(p.name in there[p.parent] for p in outputs.asked().values()):
-            frames[frame_id] = outputs
-    return Plan(
-        source=source, folders=folders, frames=frames, skipped=len(source.files) - len(frames)
-    )
+        outputs = folders.of_frame(frame_id, suffix).asked().values()
+        if overwrite or not all(path.name in there[path.parent] for path in outputs):
+            frames.append(frame_id)
+    skipped = len(source.files) - len(frames)
+    return Plan(source=source, folders=folders, suffix=suffix, frames=frames, skipped=skipped)
 
 
 class FrameWorker:
@@ -162,10 +166,7 @@ def _names_in(folder: Path) -> set[str]:
 def _of_storage(error: BaseException | None) -> bool:
     """Whether storage that is full, read-only or gone is behind an error."""
     while error is not None:
-        if isinstance(error, OSError):
-            # OpenEXR tells the reason in words alone
-            if error.errno is None:
-                return any(os.strerror(code) in str(error) for code in _STORAGE_ERRORS)
-            return error.errno in _STORAGE_ERRORS
+        if isinstance(error, OSError) and error.errno in _STORAGE_ERRORS:
+            return True
         error = error.__cause__
     return False

@@ -184,7 +184,9 @@ def complete(
     ] = False,
     knobs: Annotated[
         list[str] | None,
-        _method("--set", help="Any other knob of docs/presets.md, as anchor_fraction=0.1; repeatable."),
+        _method(
+            "--set", help="Any other knob of docs/presets.md, as anchor_fraction=0.1; repeatable."
+        ),
     ] = None,
     overwrite: Annotated[
         bool, _many("--overwrite", help="Redo the frames of a folder that have their results.")

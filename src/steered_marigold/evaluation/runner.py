@@ -189,7 +189,7 @@ def _open_log(settings: RunSettings, folder: Path, *, overwrite: bool) -> Result
         if changed:
             raise InputError(
                 f"{folder}: holds a run with another {', '.join(changed)}; "
-                "`overwrite` begins anew, or choose another folder"
+                "choose another folder, or `overwrite`"
             )
     settings.save(folder)
     return log

@@ -10,7 +10,7 @@ import torch
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.notices import Notice
-from steered_marigold.errors import InputError
+from steered_marigold.errors import InputError, SteeredMarigoldError
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
 # shares of all pixels, and of the measurements, from which a person is told
@@ -67,6 +67,7 @@ def complete_frame(
     completion = _to_cpu(completion)  # waits for the device
     seconds = perf_counter() - started
 
+    completion, impossible = _without_impossible(completion)
     too_uncertain = torch.zeros_like(frame.valid_mask)
     if max_uncertainty is not None:
         too_uncertain = require_uncertainty(completion) > max_uncertainty
@@ -92,10 +93,37 @@ def complete_frame(
         "beyond_range": 0
         if completion.beyond_range is None
         else int(completion.beyond_range.sum()),
+        "not_positive": impossible,
         "too_uncertain": int(too_uncertain.sum()),
         "treated_as_missing": dict(frame.missing) or None,
     }
-    return completion, Record(values=values, notices=(*frame.notices, *_doubts(completion)))
+    notices = (*frame.notices, *_doubts(completion), *_of_impossible(impossible))
+    return completion, Record(values=values, notices=notices)
+
+
+def _without_impossible(completion: DepthCompletion) -> tuple[DepthCompletion, int]:
+    """Metric depth at or behind the camera becomes 0, unknown; and how many pixels that are.
+
+    Presets that end with the final solve give none; those that follow the paper to the letter can.
+
+    Raises SteeredMarigoldError for depth or uncertainty that is not finite.
+    """
+    for values in (completion.depth, completion.uncertainty):
+        if values is not None and not torch.isfinite(values).all():
+            raise SteeredMarigoldError(
+                "the model's answer is not finite: `dtype=float32` has the larger range; if that "
+                "does not help, the checkpoint is damaged"
+            )
+    if not completion.metric:
+        return completion, 0
+    depth = completion.depth.clamp(min=0.0)
+    return replace(completion, depth=depth), int((completion.depth <= 0).sum())
+
+
+def _of_impossible(count: int) -> list[Notice]:
+    """What a person should know of depth that is none."""
+    text = f"{count} depths came out at or behind the camera and were written as 0, unknown"
+    return [Notice("not_positive", text)] if count else []
 
 
 def require_max_uncertainty(max_uncertainty: float | None) -> None:

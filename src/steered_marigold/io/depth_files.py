@@ -73,7 +73,12 @@ def require_other_file(image: AnyPath, depth: AnyPath) -> None:
 def _read_archive(path: Path, member: str | None) -> NDArray[Any]:
     """The named array, or the only one, of an .npz or HDF5 file."""
     if path.suffix.lower() == ".npz":
-        with decoding(path), np.load(path, allow_pickle=False) as arrays:
+        # NumPy leaves a damaged file open that it has opened itself
+        with (
+            decoding(path),
+            path.open("rb") as file,
+            np.load(file, allow_pickle=False) as arrays,
+        ):
             array = np.asarray(arrays[_chosen(path, list(arrays.files), member)])
             require_pixel_count(path, array.size, 1)
             return squeezed(array)

@@ -1,5 +1,6 @@
 """Metric depth maps. Here, and only here, 0, NaN and infinity mean "no measurement"."""
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -186,5 +187,10 @@ def _write_exr(path: Path, array: NDArray[Any]) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     try:
         OpenEXR.File(header, {"Z": array}).write(str(path))
-    except RuntimeError as error:  # a full disk, among others
-        raise OSError(str(error).rsplit('"', 1)[-1].strip(" .")) from error
+        # the last bytes are written as the file is closed, where a full disk goes untold
+        written = OpenEXR.File(str(path)).channels()["Z"].pixels
+    except (RuntimeError, KeyError) as error:
+        reason = str(error).rsplit('"', 1)[-1].strip(" .")
+        raise OSError(errno.EIO, f"{reason}; is the disk full?") from error
+    if not np.array_equal(written, array, equal_nan=True):
+        raise OSError(errno.EIO, "not written whole; is the disk full?")
