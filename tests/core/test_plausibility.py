@@ -71,3 +71,11 @@ def test_another_scale_is_as_plausible(scale: float) -> None:
     depth[30:60, 40:90] = 20.0
     plain, scaled = (plausible_measurements(depth * s, depth > 0) for s in (1.0, scale))
     assert torch.equal(plain.mask, scaled.mask)
+
+
+def test_a_flat_box_before_all_else_is_no_fill() -> None:
+    """Rendered frames: one value at hundreds of pixels, nearer than the rest."""
+    depth = torch.linspace(2.5, 3.3, 80 * 60).reshape(60, 80)
+    depth[20:40, 30:60] = 1.4
+    found = plausible_measurements(depth, depth > 0)
+    assert (found.repeated, found.absurd) == (0, 0)

@@ -17,8 +17,9 @@ LEAST_MEASUREMENTS = 20
 # quantiles and frequencies are those of so many, evenly spread
 SAMPLE = 20_000
 # A fill is one value at so many pixels, FAR_FACTOR times farther (or nearer) than all others but
-# the last hundredth; or FILL_FACTOR times, if it is so much more frequent than any other value: a
-# wall at the end of a corridor, in a file of few steps, is neither
+# the last hundredth; or FILL_FACTOR times farther, if it is so much more frequent than any other
+# value: a wall at the end of a corridor, in a file of few steps, is neither. A box before
+# everything else, parallel to the image, is one value as well: nearer takes FAR_FACTOR.
 FILL_PIXELS = 50
 FAR_FACTOR = 5.0
 FILL_FACTOR = 1.5
@@ -84,7 +85,7 @@ def _fill(depth: NDArray[np.float32]) -> float | None:
         if 2 * count > len(depth):
             is_fill = beyond > MAJORITY_FACTOR
         else:
-            is_fill = beyond > FAR_FACTOR or (beyond > FILL_FACTOR and frequent)
+            is_fill = beyond > FAR_FACTOR or (extreme > FILL_FACTOR * far and frequent)
         if is_fill:
             return float(extreme)
     return None
