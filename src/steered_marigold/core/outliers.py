@@ -244,7 +244,7 @@ def _alone(
     usual = np.abs(residual[y, x][taken] - residual[y, x][beside])
     tolerance = max(3 * float(np.median(usual)), LEAST_TOLERANCE)
     ask = np.flatnonzero(questioned[y, x])
-    around = tree.query(points[ask], count + 1, workers=-1)[1][:, 1:]
+    around = tree.query(points[ask], count + 1, workers=torch.get_num_threads())[1][:, 1:]
     same = [np.abs(v[ask, None] - v[around]) < tolerance for v in (depth[y, x], residual[y, x])]
     alone = ask[(same[0] | same[1]).sum(axis=1) < min(AGREEING, count)]
     result[y[alone], x[alone]] = True
