@@ -14,7 +14,6 @@ EXTRAS = {
     "app": "gradio",
     "eval": "h5py",
     "heif": "pillow_heif",
-    "onnx": "onnxruntime",
     "ray": "ray",
     "rerun": "rerun",
     "ros": "rosbags",
