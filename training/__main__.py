@@ -91,9 +91,12 @@ def _export(
         Path | None,
         typer.Option("--from", help="The denoiser stage's, if stage 1 or 2 has no run in RUNS."),
     ] = None,
+    share: Annotated[
+        float, typer.Option(help="Of the trained weights, beside those of --from.", min=0, max=1)
+    ] = 1.0,
 ) -> None:
     """Stage 4: the checkpoint that the package ships."""
-    export(runs, to, checkpoint)
+    export(runs, to, checkpoint, share=share)
 
 
 @app.command("crops")

@@ -36,6 +36,8 @@ HOLE = slice(54, 186), slice(53, 267)
 AT_FIRST = (0.2, 0.6)
 # pull towards the identity when latents are matched, of latents of unit size
 MATCH_RIDGE = 0.01
+# share of the learning rate for weights that were trained before
+AGAIN = 0.5
 SCHEDULER: dict[str, Any] = {
     "beta_schedule": "scaled_linear",
     "beta_start": 0.00085,
@@ -259,7 +261,7 @@ def train(
     minutes: float,
     tune: Mapping[str, Sequence[Truth]],
     start: Path | None = None,
-    pool: int = 2048,
+    pool: int = 384,
 ) -> None:
     """Trains the U-Net on stages 1 and 2 in `runs`; `runs/denoiser/last.pt` holds it.
 
@@ -279,6 +281,7 @@ def train(
     scales = torch.load(run / "scales.pt", weights_only=True)
     change_latents(encoder, scales["matrix"], scales["offset"])
     unet = build(encoder.config.latent_channels)
+    again = has_run(run) or start is not None
     if not has_run(run):
         load_part(unet, start, "unet")
     for part in (encoder, codec, unet):
@@ -288,7 +291,7 @@ def train(
     stage = Stage(encoder, codec, unet, scheduler, scales["depth"], generator)
     trainer = Trainer(
         stage.unet,
-        [{"params": list(unet.parameters()), "lr": 6e-4}],
+        [{"params": list(unet.parameters()), "lr": 6e-4 * (AGAIN if again else 1)}],
         run,
         minutes,
         sources.procedural_only and is_procedural(start),

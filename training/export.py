@@ -13,6 +13,7 @@ from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from training import denoiser
 from training.data import WIDTH
+from training.start import blend
 from training.terms import NOTICE, PROCEDURAL, RESEARCH, is_procedural
 
 STEPS = 1
@@ -46,10 +47,13 @@ def empty_prompt(channels: int) -> tuple[CLIPTextModel, CLIPTokenizer]:
     return encoder, tokenizer
 
 
-def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
+def assemble(
+    runs: Path, start: Path | None = None, *, share: float = 1.0
+) -> SteeredMarigoldPipeline:
     """The pipeline of a finished training run.
 
     start: the checkpoint with which the denoiser stage began, for frozen parts without a run.
+    share: of the trained weights; the rest are those of `start`, which they began with.
     """
     encoder = denoiser.load_image_encoder(runs / "image_branch", start)
     codec = denoiser.load_codec(runs / "codec", start)
@@ -57,6 +61,9 @@ def assemble(runs: Path, start: Path | None = None) -> SteeredMarigoldPipeline:
     denoiser.change_latents(encoder, scales["matrix"], scales["offset"])
     codec.register_to_config(scaling_factor=scales["depth"])
     unet = denoiser.average_of(runs / "denoiser", denoiser.build(encoder.config.latent_channels))
+    if share < 1:
+        blend(encoder, start, "image_encoder", share)
+        blend(unet, start, "unet", share)
     text_encoder, tokenizer = empty_prompt(denoiser.TEXT_CHANNELS)
     return SteeredMarigoldPipeline(
         unet,
@@ -79,11 +86,15 @@ def procedural_only(runs: Path, start: Path | None = None) -> bool:
     return is_procedural(start) and all(run.get("procedural_only", False) for run in trained)
 
 
-def export(runs: Path, target: Path, start: Path | None = None) -> None:
-    """Writes the checkpoint of `runs` to the folder `target`, replacing what is there."""
+def export(runs: Path, target: Path, start: Path | None = None, *, share: float = 1.0) -> None:
+    """Writes the checkpoint of `runs` to the folder `target`, replacing what is there.
+
+    start, share: see `assemble`.
+    """
     temporary = target.with_name(target.name + ".part")
     shutil.rmtree(temporary, ignore_errors=True)
-    assemble(runs, start).to(torch.float16).save_pretrained(temporary, safe_serialization=True)
+    pipeline = assemble(runs, start, share=share).to(torch.float16)
+    pipeline.save_pretrained(temporary, safe_serialization=True)
     terms = PROCEDURAL if procedural_only(runs, start) else RESEARCH
     (temporary / NOTICE).write_text(terms, encoding="utf-8")
     shutil.rmtree(target, ignore_errors=True)

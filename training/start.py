@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import torch
 from safetensors.torch import load_file
 from torch import nn
 
@@ -27,3 +28,17 @@ def load_part(model: nn.Module, checkpoint: Path | None, part: str) -> None:
         raise ValueError(
             f"{checkpoint / part} does not fit the recipe; begin with --from scratch"
         ) from error
+
+
+@torch.no_grad()
+def blend(model: nn.Module, checkpoint: Path | None, part: str, share: float) -> None:
+    """Weights between those of a checkpoint's part and the model's, of which this share is kept.
+
+    A model that was trained on from those weights keeps some of what it forgot (Wortsman et al.,
+    "Robust fine-tuning of zero-shot models", CVPR 2022). Raises ValueError without a checkpoint.
+    """
+    if checkpoint is None:
+        raise ValueError("a share below 1 needs the checkpoint that the weights began with")
+    before = load_file(checkpoint / part / "diffusion_pytorch_model.safetensors")
+    for name, value in model.state_dict().items():
+        value.lerp_(before[name].to(value), 1 - share)

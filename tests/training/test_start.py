@@ -11,7 +11,7 @@ from training import codec, denoiser
 from training.__main__ import _start
 from training.export import procedural_only
 from training.mixture import Sources
-from training.start import CHECKPOINT, load_part
+from training.start import CHECKPOINT, blend, load_part
 from training.terms import NOTICE, PROCEDURAL, RESEARCH, is_procedural
 from training.trainer import Trainer
 
@@ -42,6 +42,18 @@ def test_scratch_leaves_a_model_as_it_is() -> None:
     before = {name: value.clone() for name, value in model.state_dict().items()}
     load_part(model, None, "vae")
     assert all(torch.equal(value, before[name]) for name, value in model.state_dict().items())
+
+
+def test_a_blend_lies_between() -> None:
+    before, after = codec.build(), codec.build()
+    load_part(before, CHECKPOINT, "vae")
+    trained = {name: value.clone() for name, value in after.state_dict().items()}
+    blend(after, CHECKPOINT, "vae", 0.25)
+    for name, value in after.state_dict().items():
+        expected = 0.25 * trained[name] + 0.75 * before.state_dict()[name]
+        torch.testing.assert_close(value, expected)
+    with pytest.raises(ValueError, match="share"):
+        blend(after, None, "vae", 0.5)
 
 
 def test_another_shape_is_told() -> None:
