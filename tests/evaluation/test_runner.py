@@ -134,7 +134,7 @@ def test_another_run_in_the_folder_is_refused(tiny: RunSettings, tmp_path: Path)
     other = replace(tiny, seed=1, protocol=Protocol(kind="lidar", lines=4))
     with pytest.raises(
         InputError,
-        match=r"another protocol, seed; `overwrite` begins anew, or choose another folder",
+        match=r"another protocol, seed; ",
     ):
         run_evaluation(other, tmp_path)
     assert run_evaluation(other, tmp_path, overwrite=True).settings.seed == 1
