@@ -1,6 +1,7 @@
 """Metric depth maps. Here, and only here, 0, NaN and infinity mean "no measurement"."""
 
 import errno
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -189,8 +190,9 @@ def _write_exr(path: Path, array: NDArray[Any]) -> None:
         OpenEXR.File(header, {"Z": array}).write(str(path))
         # the last bytes are written as the file is closed, where a full disk goes untold
         written = OpenEXR.File(str(path)).channels()["Z"].pixels
-    except (RuntimeError, KeyError) as error:
-        reason = str(error).rsplit('"', 1)[-1].strip(" .")
-        raise OSError(errno.EIO, f"{reason}; is the disk full?") from error
-    if not np.array_equal(written, array, equal_nan=True):
-        raise OSError(errno.EIO, "not written whole; is the disk full?")
+        whole = np.array_equal(written, array, equal_nan=True)
+    except (RuntimeError, KeyError):
+        whole = False
+    if not whole:
+        path.write_bytes(array.tobytes())  # Python tells the system's reason
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
