@@ -41,6 +41,19 @@ def ray_lengths(K: Float[Tensor, "3 3"], size: tuple[int, int]) -> Float[Tensor,
     return points.square().sum(dim=-1).sqrt()
 
 
+def rotation_of(quaternion: Float[Tensor, "4"]) -> Float[Tensor, "3 3"]:
+    """The rotation of a quaternion x, y, z, w of length 1, in float64."""
+    x, y, z, w = quaternion.tolist()
+    return torch.tensor(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ],
+        dtype=torch.float64,
+    )
+
+
 def crop_intrinsics(K: Float[Tensor, "3 3"], *, top: int, left: int) -> Float[Tensor, "3 3"]:
     """K of an image whose first `top` rows and `left` columns were cut off."""
     cropped = K.clone()

@@ -11,6 +11,7 @@ import yaml
 
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError
+from steered_marigold.io.files import AnyPath, decoding, require_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +66,15 @@ def parse_camera(text: str) -> Camera:
             "ScanNet, KITTI, COLMAP, TUM or Middlebury; this is none of them"
         )
     return _from_fields(fields)
+
+
+def camera_text(source: AnyPath) -> str:
+    """Numbers as they were typed, or the text of a file; FileFormatError if there is none."""
+    if parse_numbers(str(source)) is not None:
+        return str(source)
+    path = require_file(source)
+    with decoding(path):
+        return path.read_text(encoding="utf-8-sig")
 
 
 def parse_numbers(text: str) -> list[float] | None:

@@ -6,9 +6,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from steered_marigold.core.geometry import rotation_of
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.camera_files import parse_numbers
-from steered_marigold.io.files import AnyPath, decoding, require_file
+from steered_marigold.io.camera_files import camera_text, parse_numbers
+from steered_marigold.io.files import AnyPath
 
 
 def read_extrinsics(source: AnyPath) -> Float[Tensor, "4 4"]:
@@ -20,18 +21,14 @@ def read_extrinsics(source: AnyPath) -> Float[Tensor, "4 4"]:
 
     Raises FileFormatError for anything else.
     """
-    text = str(source)
-    if parse_numbers(text) is None:
-        path = require_file(source)
-        with decoding(path):
-            lines = path.read_text(encoding="utf-8-sig").splitlines()
-        text = "\n".join(line.split("#")[0] for line in lines)
-    numbers = _numbers(text)
+    lines = camera_text(source).splitlines()
+    numbers = _numbers("\n".join(line.split("#")[0] for line in lines))
     matrix = torch.eye(4, dtype=torch.float64)
     if len(numbers) == 3:
         matrix[:3, 3] = torch.tensor(numbers)
     elif len(numbers) == 7:
-        matrix[:3, :3] = _rotation(torch.tensor(numbers[3:], dtype=torch.float64))
+        quaternion = torch.tensor(numbers[3:], dtype=torch.float64)
+        matrix[:3, :3] = rotation_of(quaternion / quaternion.norm())
         matrix[:3, 3] = torch.tensor(numbers[:3])
     elif len(numbers) in (12, 16):
         matrix[: len(numbers) // 4] = torch.tensor(numbers).reshape(-1, 4)
@@ -52,16 +49,3 @@ def _numbers(text: str) -> list[float]:
         return [float(value) for row in range(3) for value in (*columns[row::3], translation[row])]
     except (ValueError, KeyError, IndexError, TypeError):
         return []
-
-
-def _rotation(quaternion: Float[Tensor, "4"]) -> Float[Tensor, "3 3"]:
-    """From x, y, z, w of any length but 0."""
-    x, y, z, w = (quaternion / quaternion.norm()).tolist()
-    return torch.tensor(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ],
-        dtype=torch.float64,
-    )

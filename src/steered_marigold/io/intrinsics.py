@@ -9,8 +9,8 @@ from torch import Tensor
 from steered_marigold.core.geometry import resize_intrinsics
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError, InputError
-from steered_marigold.io.camera_files import Camera, parse_camera, parse_numbers
-from steered_marigold.io.files import AnyPath, decoding, require_file
+from steered_marigold.io.camera_files import Camera, camera_text, parse_camera
+from steered_marigold.io.files import AnyPath
 
 _NORMALISED_BELOW = 2.0
 _SAME_ASPECT = 0.01
@@ -92,11 +92,7 @@ def read_intrinsics(source: AnyPath) -> Intrinsics:
 
     Raises FileFormatError if it is none of these, or not a pinhole camera.
     """
-    text = str(source)
-    if parse_numbers(text) is None:
-        path = require_file(source)
-        with decoding(path):
-            text = path.read_text(encoding="utf-8-sig")
+    text = camera_text(source)
     try:
         return _checked(parse_camera(text))
     except FileFormatError as error:

@@ -3,8 +3,10 @@
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from steered_marigold.core.geometry import rotation_of
 from steered_marigold.io.bags.cameras import frame_name
 from steered_marigold.io.bags.messages import TRANSFORM, TRANSFORMS
 from steered_marigold.io.bags.reading import Reader, first_message, messages, topics_of
@@ -38,14 +40,10 @@ def fixed_transform(reader: Reader, source: str, target: str) -> NDArray[Any] | 
 def matrix_of(transform: Any) -> NDArray[Any]:
     """4x4 of a geometry_msgs Transform: points of the child to points of the parent."""
     t, q = transform.translation, transform.rotation
-    quaternion = np.array([q.x, q.y, q.z, q.w])
-    x, y, z, w = quaternion / (np.linalg.norm(quaternion) or 1)  # some drivers write only zeros
+    quaternion = torch.tensor([q.x, q.y, q.z, q.w], dtype=torch.float64)
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    # some drivers write only zeros
+    matrix[:3, :3] = rotation_of(quaternion / (quaternion.norm() or 1)).numpy()
     matrix[:3, 3] = t.x, t.y, t.z
     return matrix
 
