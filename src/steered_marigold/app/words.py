@@ -1,6 +1,5 @@
 """What the page says: the record in words, warnings, errors with the names of its own fields."""
 
-import re
 from html import escape
 from typing import Any
 
@@ -11,8 +10,8 @@ from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
-from steered_marigold.core.metrics import depth_errors
-from steered_marigold.core.notices import Notices
+from steered_marigold.core.metrics import NORMAL_90, depth_errors
+from steered_marigold.core.notices import Notices, name_arguments
 from steered_marigold.frames.complete import Record
 
 # fields of the page by the name of the library's argument
@@ -39,14 +38,13 @@ def in_words_of_the_page(text: str, hidden: tuple[str, ...] = ()) -> str:
     for folder in hidden:
         text = text.replace(f"{folder}/", "")
 
-    def in_words(match: re.Match[str]) -> str:
-        name, value = match["name"], match["value"]
+    def named(name: str, value: str) -> str | None:
         field = _FIELDS.get(name)
         if field is None:
-            return match[0].strip("`")
+            return None
         return f"“{field}”" + (f" ({value})" if value and value != "registered" else "")
 
-    return re.sub(r"`(?P<name>\w+)(?:=(?P<value>[^`]*))?`", in_words, text)
+    return name_arguments(text, named)
 
 
 def box(kind: str, text: str) -> str:
@@ -112,7 +110,7 @@ def hole_facts(
         f"{ninth:.3f} m; {errors.abs_rel:.1%} of the depth)."
     )
     if completion.uncertainty is not None:
-        inside = distance <= 1.645 * completion.uncertainty[0][known]
+        inside = distance <= NORMAL_90 * completion.uncertainty[0][known]
         said += (
             f" The stated uncertainty covers {float(inside.to(torch.float32).mean()):.0%} of them; "
             "90% would be right."

@@ -1,9 +1,10 @@
 """What the commands say on stderr, a line each; stdout is for results."""
 
-import re
 import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
+
+from steered_marigold.core.notices import name_arguments
 
 if TYPE_CHECKING:
     from steered_marigold.frames.complete import Record
@@ -43,12 +44,11 @@ def warn_of(frame: object, record: "Record") -> None:
 def _in_words_of_the_command(text: str) -> str:
     """`max_depth`, an argument of the library in backticks, becomes --max-depth, and so on."""
 
-    def in_words(match: re.Match[str]) -> str:
-        name, value = match["name"], match["value"] or ""
+    def named(name: str, value: str) -> str | None:
         flag = _FLAGS.get(_OPTIONS.get(name, name))
-        return match[0].strip("`") if flag is None else " ".join(filter(None, (flag, value)))
+        return None if flag is None else " ".join(filter(None, (flag, value)))
 
-    return re.sub(r"`(?P<name>\w+)(?:=(?P<value>[^`]*))?`", in_words, text)
+    return name_arguments(text, named)
 
 
 def name_parameters(parameters: Iterable[Any]) -> None:
