@@ -1,6 +1,7 @@
 """Processes that do something and are ended, without waiting for torch to load once more."""
 
 import os
+import signal
 import sys
 import time
 import traceback
@@ -20,6 +21,8 @@ class Child:
 
     def _become(self, work: Callable[[], object], stdout: int | None) -> None:
         code = 1
+        # as in a terminal; whoever runs the tests in the background has Ctrl-C ignored
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             file = os.open(self.out, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(file, 2)
@@ -40,10 +43,10 @@ class Child:
                     code = code or 120  # as the interpreter does
             os._exit(code)
 
-    def end(self, signal: int, after_s: float) -> int:
+    def end(self, number: int, after_s: float) -> int:
         """Sends a signal after a time; the exit code, negative if the signal was the end."""
         time.sleep(after_s)
-        os.kill(self.pid, signal)
+        os.kill(self.pid, number)
         return self.wait()
 
     def wait(self) -> int:
