@@ -83,9 +83,7 @@ def threads_before(folder: Path) -> int | None:
     if not path.is_file():
         return None
     with decoding(path):
-        return int(
-            json.loads(path.read_text(encoding="utf-8"))["settings"]["completing"]["threads"]
-        )
+        return int(_read(path)["settings"]["completing"]["threads"])
 
 
 def require_same_settings(todo: Plan, settings: Settings) -> None:
@@ -100,7 +98,7 @@ def require_same_settings(todo: Plan, settings: Settings) -> None:
             )
         return
     with decoding(path):
-        before = json.loads(path.read_text(encoding="utf-8"))["settings"]
+        before = _read(path)["settings"]
         changed = [
             f"`{key}` ({_short(before[group].get(key))}, now {_short(value)})"
             for group, values in settings.items()
@@ -166,6 +164,11 @@ def open_run(
                 _remove_created(run, created)
 
 
+def _read(path: Path) -> Any:
+    """What a run.json holds."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
 def _write(
     path: Path,
     settings: Settings,
@@ -185,7 +188,7 @@ def _write(
     sessions = []
     if not anew:
         with decoding(path):
-            sessions = list(json.loads(path.read_text(encoding="utf-8"))["sessions"])
+            sessions = list(_read(path)["sessions"])
     paths = {name: str(folder) for name, folder in todo.folders.asked().items()}
     values = {"settings": settings, "outputs": paths, "paired_by": todo.source.rule or None}
     with atomic_write(path) as temporary:

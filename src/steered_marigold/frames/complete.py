@@ -89,10 +89,8 @@ def complete_frame(
         "input_valid_fraction": float(frame.valid_mask.float().mean()),
         "trusted": int(completion.trusted.sum()),
         "untrusted": int((completion.measured & ~completion.trusted).sum()),
-        "floored": 0 if completion.floored is None else int(completion.floored.sum()),
-        "beyond_range": 0
-        if completion.beyond_range is None
-        else int(completion.beyond_range.sum()),
+        "floored": _count(completion.floored),
+        "beyond_range": _count(completion.beyond_range),
         "not_positive": impossible,
         "too_uncertain": int(too_uncertain.sum()),
         "treated_as_missing": dict(frame.missing) or None,

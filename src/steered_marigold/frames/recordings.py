@@ -62,14 +62,10 @@ def complete_recording(
     tally = Tally()
 
     def extra() -> Iterator[ExtraMessage]:
-        for recorded in frames:
-            answer = complete_recorded(
-                completer, recorded, tally, seed=seed, max_uncertainty=max_uncertainty
-            )
-            if answer is None:
-                on_frame(None, tally)
-                continue
-            _, completion, record = answer
+        answers = _answers(
+            completer, frames, tally, on_frame, seed=seed, max_uncertainty=max_uncertainty
+        )
+        for recorded, _, completion, record in answers:
             sigma = completion.uncertainty
             added = completed_messages(
                 recorded,
@@ -102,14 +98,10 @@ def save_recording(
     tally = Tally()
     for name in ("image", "depth", "uncertainty"):
         create_folder(folder / name)
-    for recorded in frames:
-        answer = complete_recorded(
-            completer, recorded, tally, seed=seed, max_uncertainty=max_uncertainty
-        )
-        if answer is None:
-            on_frame(None, tally)
-            continue
-        frame, completion, record = answer
+    answers = _answers(
+        completer, frames, tally, on_frame, seed=seed, max_uncertainty=max_uncertainty
+    )
+    for _, frame, completion, record in answers:
         known = completion.uncertainty is not None
         outputs = Outputs(
             depth=folder / "depth" / f"{frame.id}.png",
@@ -121,22 +113,25 @@ def save_recording(
     return tally
 
 
-def complete_recorded(
+def _answers(
     completer: DepthCompleter,
-    recorded: RecordedFrame,
+    frames: FrameStream,
     tally: Tally,
+    on_frame: OnFrame,
     *,
-    seed: int = SEED,
-    max_uncertainty: float | None = None,
-) -> tuple[Frame, DepthCompletion, Record] | None:
-    """The completion of one frame of a recording; None, and a line in the tally, if it fails."""
-    try:
-        frame = recorded_frame(recorded)
-        completion, record = complete_frame(
-            completer, frame, seed=seed, max_uncertainty=max_uncertainty
-        )
-    except (SteeredMarigoldError, RuntimeError, ValueError) as error:
-        tally.failed[str(recorded.stamp_ns)] = str(error)
-        return None
-    tally.completed += 1
-    return frame, completion, record
+    seed: int,
+    max_uncertainty: float | None,
+) -> Iterator[tuple[RecordedFrame, Frame, DepthCompletion, Record]]:
+    """The frames that can be completed; of the others `on_frame` gets None, the tally a line."""
+    for recorded in frames:
+        try:
+            frame = recorded_frame(recorded)
+            completion, record = complete_frame(
+                completer, frame, seed=seed, max_uncertainty=max_uncertainty
+            )
+        except (SteeredMarigoldError, RuntimeError, ValueError) as error:
+            tally.failed[str(recorded.stamp_ns)] = str(error)
+            on_frame(None, tally)
+            continue
+        tally.completed += 1
+        yield recorded, frame, completion, record

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from steered_marigold.core.colours import to_8_bits
 from steered_marigold.errors import FileFormatError
 from steered_marigold.io.bags.messages import COMPRESSED_IMAGE, IMAGE
 from steered_marigold.io.bags.rvl import decode_rvl, encode_rvl
+from steered_marigold.io.depth_encodings import MILLIMETRE
 from steered_marigold.io.files import decoding, require_pixel_count
 
 # type and number of the values of a pixel
@@ -52,7 +54,6 @@ _INVERSE_DEPTH = 0
 # 65535 says "out of range" in what sensors write
 _LARGEST_CODE = 65534
 _OUT_OF_RANGE = 65535
-MILLIMETRE = 0.001
 _DEEP_GREY = ("I", "I;16", "I;16B")
 
 
@@ -286,7 +287,5 @@ def _open_compressed(data: bytes, formats: tuple[str, ...], where: str) -> Image
 
 def _stretched(values: NDArray[Any]) -> UInt8[Tensor, "height width 3"]:
     """Three equal channels of 16-bit grey."""
-    grey = values.astype(np.float32)
-    white = max(float(np.percentile(grey, 99.9)), 1.0)
-    grey = np.rint(np.clip(grey / white, 0, 1) * 255).astype(np.uint8)
+    grey, _ = to_8_bits(values)
     return torch.from_numpy(grey)[..., None].repeat(1, 1, 3)

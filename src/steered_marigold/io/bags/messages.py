@@ -18,7 +18,6 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORM = "geometry_msgs/msg/Transform"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-FLOAT = "std_msgs/msg/Float32"
 
 RosVersion = Literal[1, 2]
 NANOSECONDS = 10**9

@@ -24,9 +24,10 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from steered_marigold.errors import InputError
-from steered_marigold.io.bags.image_messages import MILLIMETRE, unit_of
+from steered_marigold.io.bags.image_messages import unit_of
 from steered_marigold.io.bags.messages import IMAGE, Message, encode, typestore
 from steered_marigold.io.bags.reading import Reader
+from steered_marigold.io.depth_encodings import MILLIMETRE
 
 # `ros2 bag` reads it from Humble on; the next one only from Iron on
 _METADATA_VERSION: Literal[8] = 8
