@@ -19,11 +19,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from steered_marigold.core.alignment import fit_positive
+from steered_marigold.core.holes import Hole, expect_beyond, find_holes
 from steered_marigold.core.metrics import NORMAL_90
 from steered_marigold.core.uncertainty import (
     DEFAULT_NOISE,
     Circumstances,
-    Hole,
     UncertaintyModel,
     circumstances,
     relative_uncertainty,
@@ -75,7 +75,9 @@ class Sample:
         assert affine is not None
         positive = fit_positive(affine, sparse, valid)
         prior, doubt = positive.map.apply(affine)[0], positive.doubt(affine)[0]
-        whole = circumstances(prior, depth, sparse, trusted, doubt)
+        holes = find_holes(prior, sparse, trusted)
+        prior = expect_beyond(prior, holes)
+        whole = circumstances(prior, depth, sparse, trusted, holes, doubt)
         asked = (frame.areas[frame.focus] & ~trusted).flatten().nonzero()[:, 0]
         at = asked[torch.linspace(0, len(asked) - 1, min(PIXELS, len(asked))).long()]
         errors = ((depth - frame.metric_depth) / depth).abs().flatten()[at]

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from steered_marigold.core.consistency import SensorNoise
+from steered_marigold.core.holes import find_holes
 from steered_marigold.core.uncertainty import (
     DEFAULT_NOISE,
     UncertaintyModel,
@@ -28,7 +29,8 @@ def estimate(
     doubt: torch.Tensor | None = None,
     noise: SensorNoise = DEFAULT_NOISE,
 ) -> torch.Tensor:
-    return estimate_uncertainty(MODEL, prior, depth, DEPTH, trusted, doubt, noise)
+    holes = find_holes(depth, DEPTH, trusted)
+    return estimate_uncertainty(MODEL, prior, depth, DEPTH, trusted, holes, doubt, noise)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from steered_marigold.core.alignment import (
 )
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise, agree_with_measurements
+from steered_marigold.core.holes import expect_beyond, find_holes
 from steered_marigold.core.outliers import Judgement, judge_measurements
 from steered_marigold.core.uncertainty import (
     DEFAULT_NOISE,
@@ -80,12 +81,14 @@ def finish(
     judged = Judgement(valid_mask, torch.zeros_like(valid_mask))
     if settings.robust:
         judged = judge_measurements(prior, sparse_depth, valid_mask)
-    depth, trusted = prior, judged.trusted
+    depth, trusted, uncertainty = prior, judged.trusted, spread
+    if settings.consistent or settings.uncertainty is not None:
+        holes = find_holes(prior, sparse_depth, trusted)
     if settings.consistent:
+        prior = expect_beyond(prior, holes)
         depth = agree_with_measurements(
             prior, sparse_depth, trusted, noise=noise, confidence=confidence, image=image
         )
-    uncertainty = spread
     if settings.uncertainty is not None:
         doubt = None if positive is None else positive.doubt(affine)[0]
         uncertainty = estimate_uncertainty(
@@ -94,6 +97,7 @@ def finish(
             depth,
             sparse_depth,
             trusted,
+            holes,
             doubt,
             assumed_noise if noise.exact else noise,
         )

@@ -1,15 +1,14 @@
 """How sure the answer is, in metres, calibrated on development frames by kind of hole."""
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 from torch import Tensor
 
 from steered_marigold.core.consistency import SensorNoise
+from steered_marigold.core.holes import Holes
 
 # what a sensor's depth is worth where nobody says, next to the steps of its file: structured light
 # and time of flight reach 0.2 % of depth at their best
@@ -19,27 +18,6 @@ STEPS_WINDOW = 0.04
 # what is expected of a prior before anything is measured, and how many measurements that is worth
 EXPECTED_DISAGREEMENT = 0.2
 EXPECTED_WEIGHT = 3.0
-# the measured range is that of all measurements but so many at both ends
-RANGE_TAILS = 0.02
-SAMPLE = 20_000  # measurements that tell the range, evenly spread
-# so much of what is DEEP (a share of the diagonal) in holes lies beyond the measured range: the
-# sensor has a range. On the tune frames .4 to .6 do where depth is cut by distance, .0 to .1 where
-# it is cut elsewhere
-BEYOND_SHARE = 0.3
-DEEP = 0.03
-BLOCKS = 16  # of an image's height, and of its width; finer ones miss the rows of sparse samples
-
-
-class Hole(IntEnum):
-    """Where a pixel lies. INSIDE: between measurements in its row or column of BLOCKS. BESIDE: not.
-
-    FARTHER, NEARER: in an image whose holes lie beyond the measured range.
-    """
-
-    INSIDE = 0
-    BESIDE = 1
-    FARTHER = 2
-    NEARER = 3
 
 
 @dataclass(frozen=True)
@@ -76,11 +54,7 @@ class UncertaintyModel:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What an error depends on; the terms of `UncertaintyModel`.
-
-    distance: to the nearest trusted measurement, as a share of the image's diagonal. kind: of
-    `Hole`.
-    """
+    """What an error depends on; the terms of `UncertaintyModel`. distance, kind: of `Holes`."""
 
     distance: Float[Tensor, "height width"]
     kind: Int[Tensor, "height width"]
@@ -97,23 +71,19 @@ def circumstances(
     depth: Float[Tensor, "height width"],
     sparse_depth: Float[Tensor, "height width"],
     trusted: Bool[Tensor, "height width"],
+    holes: Holes,
     doubt: Float[Tensor, "height width"] | None,
 ) -> Circumstances:
     """Of each pixel of an answer; arguments as `estimate_uncertainty`."""
     height, width = depth.shape
     diagonal = (height**2 + width**2) ** 0.5
-    pixels = ndimage.distance_transform_edt(~trusted.cpu().numpy())
-    distance = torch.from_numpy(pixels).to(depth) / diagonal
     measured, log_depth, log_prior = sparse_depth[trusted].log(), depth.log(), prior.log()
     squares = (measured - log_prior[trusted]).square()
     expected = EXPECTED_WEIGHT * EXPECTED_DISAGREEMENT**2
-    low, high = measured[:: -(-len(measured) // SAMPLE)].quantile(
-        measured.new_tensor((RANGE_TAILS, 1 - RANGE_TAILS))
-    )
-    farther, nearer = (log_depth - high).clamp(min=0), (low - log_depth).clamp(min=0)
+    farther, nearer = holes.beyond(log_depth)
     return Circumstances(
-        distance=distance,
-        kind=_kinds(trusted, distance > DEEP, farther, nearer),
+        distance=holes.distance,
+        kind=holes.kind,
         disagreement=((squares.sum() + expected) / (len(squares) + EXPECTED_WEIGHT)).sqrt(),
         doubt=torch.zeros_like(depth) if doubt is None else doubt,
         moved=(log_depth - log_prior).abs(),
@@ -129,17 +99,18 @@ def estimate_uncertainty(
     depth: Float[Tensor, "height width"],
     sparse_depth: Float[Tensor, "height width"],
     trusted: Bool[Tensor, "height width"],
+    holes: Holes,
     doubt: Float[Tensor, "height width"] | None,
     noise: SensorNoise,
 ) -> Float[Tensor, "height width"]:
     """Standard deviation [m] of each pixel's error; at measurements that of the sensor.
 
     prior, depth: metric depth before and after it was made to agree with the measurements, of
-    which there is at least one trusted. doubt: of the prior's log depth for want of its origin.
-    noise: the sensor's, not 0. Multiplying prior, depth and measurements by a number multiplies the
-    result by it, if the noise is a fraction of depth.
+    which there is at least one trusted. holes: by these measurements. doubt: of the prior's log
+    depth for want of its origin. noise: the sensor's, not 0. Multiplying prior, depth and
+    measurements by a number multiplies the result by it, if the noise is a fraction of depth.
     """
-    around = circumstances(prior, depth, sparse_depth, trusted, doubt)
+    around = circumstances(prior, depth, sparse_depth, trusted, holes, doubt)
     relative = relative_uncertainty(model, around) * (~trusted)
     sensor = noise.relative(depth)
     return depth * (relative.square() + sensor.square()).sqrt()
@@ -161,28 +132,6 @@ def relative_uncertainty(
     relief = (model.relief * around.steps * far).square()
     factor = far.new_tensor(model.by_kind)[around.kind]
     return factor * (model.near**2 + far * reach + relief).sqrt()
-
-
-def _kinds(
-    trusted: Bool[Tensor, "height width"],
-    deep: Bool[Tensor, "height width"],
-    farther: Float[Tensor, "height width"],
-    nearer: Float[Tensor, "height width"],
-) -> Int[Tensor, "height width"]:
-    """The kind of `Hole` of each pixel. deep: far from measurements."""
-    if bool(deep.any()):
-        shares = [float((beyond[deep] > 0).float().mean()) for beyond in (farther, nearer)]
-        if max(shares) > BEYOND_SHARE:
-            kind = Hole.FARTHER if shares[0] >= shares[1] else Hole.NEARER
-            return torch.full_like(trusted, int(kind), dtype=torch.long)
-    seen = F.adaptive_max_pool2d(trusted.float()[None], BLOCKS)[0]
-    across, along = (
-        seen.cummax(dim).values * seen.flip(dim).cummax(dim).values.flip(dim) for dim in (1, 0)
-    )
-    between = torch.maximum(across, along)[None, None]
-    height, width = trusted.shape
-    inside = F.interpolate(between, size=(height, width), mode="nearest")[0, 0] > 0
-    return torch.where(inside, int(Hole.INSIDE), int(Hole.BESIDE))
 
 
 def mean_steps(
