@@ -30,7 +30,7 @@ from benchmarks.measuring import (
     write_json,
 )
 from benchmarks.subjects import embedded_pipeline, sample_frame
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 
 PRESETS = ("default", "fast")
 WIDTH, HEIGHT, POINTS = 640, 480, 13_620
@@ -167,8 +167,7 @@ def plot(growths: Sequence[Growth], path: Path) -> None:
         axes.set_xlabel(growths[0].sweep)
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend()
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    write_figure(path, figure, dpi=120)
 
 
 def point_table(growths: Iterable[Growth]) -> str:

@@ -44,7 +44,7 @@ from steered_marigold.evaluation.protocols import (
     frame_generator,
     prepare,
 )
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 
@@ -155,8 +155,7 @@ def plot(results: Mapping[str, Results], path: Path) -> None:
     for axes, (protocol, of_protocol) in zip(panels, results.items(), strict=True):
         _plot_panel(axes, of_protocol)
         axes.set_title(protocol)
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    write_figure(path, figure, dpi=120)
 
 
 def _plot_panel(axes: Axes, results: Results) -> None:

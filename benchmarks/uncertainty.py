@@ -14,7 +14,7 @@ import typer
 
 from steered_marigold.evaluation.calibration_figure import calibration_figure, kept_curves
 from steered_marigold.evaluation.settings import RunSettings
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 
 COLUMNS = {
     "abs_rel": "REL",
@@ -47,8 +47,7 @@ def main(
         typer.echo(_pipes(name, *(_number(row.get(key)) for key in COLUMNS)))
     figure = calibration_figure(curves, "that each protocol is about")
     if output is not None and figure is not None:
-        with atomic_write(output) as temporary:
-            figure.savefig(temporary, format="png")
+        write_figure(output, figure)
 
 
 def _row(run: Path, method: str, area: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 from steered_marigold.pictures.colours import robust_range
 from steered_marigold.pictures.grids import panels, show, show_depth
 from training.evaluation.subject import Findings, Row, Subject, evenly_spaced, mean_row
@@ -29,8 +29,7 @@ def coding(subject: Subject) -> Findings:
             y, x = steepest_window(frame.normalised[0], CROP)
             window = (0, slice(y, y + CROP), slice(x, x + CROP))
             crops[frame_id] = frame.normalised[window], decoded[window]
-    with atomic_write(subject.output / PICTURE) as temporary:
-        _figure(crops).savefig(temporary, format="png")
+    write_figure(subject.output / PICTURE, _figure(crops))
     return Findings({"true depth encoded and decoded, 320x240": [mean_row(rows)]}, (PICTURE,))
 
 

@@ -15,7 +15,7 @@ from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.diffusion.settings import PAPER
 from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator
 from steered_marigold.evaluation.steering_figure import record_steering
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 from steered_marigold.methods.registry import create_method
 from steered_marigold.methods.steered import SteeredCompleter
 from steered_marigold.methods.steering_steps import SteeringStep
@@ -52,8 +52,7 @@ def draw_drift(subject: Subject, methods: Mapping[str, str]) -> tuple[list[Row],
             generator = frame_generator(SEED, frame_id, "method")
             steps = record_steering(completer, frame, generator=generator)
             courses.append(_course(completer.pipeline, frame, alignment, steps))
-    with atomic_write(subject.output / PICTURE) as temporary:
-        _figure(courses).savefig(temporary, format="png")
+    write_figure(subject.output / PICTURE, _figure(courses))
     rows = [
         {
             "frame": course.frame_id,

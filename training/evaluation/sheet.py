@@ -19,7 +19,7 @@ from steered_marigold.evaluation.protocols import (
     frame_generator,
     prepare,
 )
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.registry import create_method
 from steered_marigold.pictures.colours import robust_range
@@ -66,8 +66,7 @@ def draw_sheets(frames: list[PreparedFrame], subject: Subject, title: str) -> li
         group = list(alike)
         for first in range(0, len(group), ROWS):
             name = f"{title}_{len(names) + 1}.png"
-            with atomic_write(subject.output / name) as temporary:
-                _draw(group[first : first + ROWS], methods).savefig(temporary, format="png")
+            write_figure(subject.output / name, _draw(group[first : first + ROWS], methods))
             names.append(name)
     return names
 

@@ -12,7 +12,7 @@ from steered_marigold.app.views import View, depth_pictures, thumbnail
 from steered_marigold.core.frame import Frame
 from steered_marigold.frames.complete import complete_frame
 from steered_marigold.methods.interpolation import LinearCompleter
-from steered_marigold.methods.steering_steps import SteeringStep, StepRecorder
+from steered_marigold.methods.steering_steps import SteeringStep, StepRecorder, largest_move
 from steered_marigold.pictures.colours import robust_range
 
 _PRESET = "paper"
@@ -53,10 +53,7 @@ def method_view(method: Method, frame: Frame) -> View:
     chosen = np.unique(np.linspace(0, len(steered) - 1, _SHOWN).round().astype(int)).tolist()
     scale = robust_range(steered[-1].predicted.numpy())
     early, late = steered[0], steered[-1]
-    largest = max(
-        *(float(np.percentile((s.target - s.predicted).abs().numpy(), 99)) for s in (early, late)),
-        1e-6,
-    )
+    largest = largest_move((early, late))
     limits = Normalize(-largest, largest)
     return {
         "answers": depth_pictures(frame, method.answers),

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from steered_marigold.core.alignment import MAD_TO_SIGMA
+from steered_marigold.core.neighbours import neighbouring
 
 # Differences are of log depth. Thresholds were chosen on the tune frames so that at most .5 % of
 # clean measurements are left out, of which most are the truth's own mixed pixels (docs/method.md).
@@ -256,11 +257,8 @@ def _agreeing_beside(depth: NDArray[np.float32], measured: NDArray[np.bool_]) ->
 
     They are the nearest of all: with AGREEING of them, no tree need be asked.
     """
-    height, width = depth.shape
     agreeing = np.zeros(depth.shape, np.uint8)
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
-        there = (slice(down, height), slice(max(0, right), width - max(0, -right)))
+    for here, there, *_ in neighbouring(*depth.shape):
         same = measured[here] & measured[there]
         same &= np.abs(depth[here] - depth[there]) < LEAST_TOLERANCE
         agreeing[here] += same

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from torch import Generator
 
 from steered_marigold.core.frame import Frame
+from steered_marigold.core.neighbours import neighbouring
 from steered_marigold.errors import InputError
 
 _BRIDGED_PX = 3  # measurements up to twice as far apart belong to the same measured area
@@ -242,12 +243,9 @@ def _way_within(area: NDArray[np.bool_], start: int) -> NDArray[np.float64]:
 
     Ways go from pixel to pixel along rows, columns and diagonals. Infinite where none leads.
     """
-    height, width = area.shape
     index = np.arange(area.size).reshape(area.shape)
     ways = []
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
-        there = (slice(down, height), slice(max(0, right), width - max(0, -right)))
+    for here, there, down, right in neighbouring(*area.shape):
         both = area[here] & area[there]
         ways.append((index[here][both], index[there][both], math.hypot(down, right)))
     lengths = np.concatenate([np.full(len(first), length) for first, _, length in ways])

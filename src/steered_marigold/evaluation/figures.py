@@ -23,7 +23,7 @@ from steered_marigold.evaluation.runner import Evaluator
 from steered_marigold.evaluation.seam_figure import seam_figure
 from steered_marigold.evaluation.settings import MethodFactory, RunSettings
 from steered_marigold.evaluation.summary import reference_method
-from steered_marigold.io.files import atomic_write
+from steered_marigold.io.files import write_figure
 from steered_marigold.methods.registry import steers
 from steered_marigold.pictures.colours import robust_range
 from steered_marigold.pictures.grids import panels, show, show_depth
@@ -146,6 +146,5 @@ def _steering_figure(
 
 def _save(figure: Figure, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, dpi=200)
+    write_figure(path, figure, dpi=200)
     return path

@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.figure import Figure
 from torch import Generator
 
 from steered_marigold.evaluation.pictures import sparse_picture, truth_picture
 from steered_marigold.evaluation.protocols import PreparedFrame
 from steered_marigold.methods.steered import SteeredCompleter
-from steered_marigold.methods.steering_steps import SteeringStep, StepRecorder
+from steered_marigold.methods.steering_steps import SteeringStep, StepRecorder, largest_move
 from steered_marigold.pictures.colours import robust_range
 from steered_marigold.pictures.grids import panels, show, show_depth
 
@@ -40,13 +39,13 @@ def steering_figure(frame: PreparedFrame, steps: Sequence[SteeringStep]) -> Figu
     show_depth(axes[0, 0], truth, robust_range(truth), "truth")
     show_depth(axes[1, 0], sparse_picture(frame), robust_range(truth), "samples")
     shown = (steps[0], steps[-1])
-    largest = max(float(np.percentile((s.target - s.predicted).abs(), 99)) for s in shown)
+    largest = largest_move(shown)
     for row, step in zip(axes, shown, strict=True):
         scale = robust_range(step.target.numpy())
         show_depth(row[1], step.predicted.numpy(), scale, f"t = {step.timestep}: predicted")
         show_depth(row[2], step.target.numpy(), scale, "steered towards")
         direction = (step.target - step.predicted).numpy()
-        limits = {"vmin": -max(largest, 1e-6), "vmax": max(largest, 1e-6)}
+        limits = {"vmin": -largest, "vmax": largest}
         drawn = show(row[3], direction, "difference", cmap="RdBu", **limits)
     figure.colorbar(drawn, ax=axes.ravel().tolist(), label="affine depth, of -1 to 1")
     return figure
