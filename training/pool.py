@@ -21,7 +21,6 @@ from training.trainer import Batch
 LEAST_OF_CELL = 0.9
 # of each picture, so many masks are told
 MASKS = 2
-CHUNK = 16
 # decoded first answers [n, height, width] in [-1, 1], of image latents
 FirstAnswer = Callable[[Tensor], Tensor]
 

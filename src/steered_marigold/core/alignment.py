@@ -65,12 +65,8 @@ def fit_scale_shift(
     mask: Bool[Tensor, "batch *rest"],
     *,
     weights: Float[Tensor, "batch *rest"] | None = None,
-    symmetric: bool = False,
 ) -> ScaleShift:
     """The (weighted) least-squares map from source to target over the masked elements.
-
-    symmetric: the geometric mean of the slopes from source to target and from target to source
-    (reduced major axis) instead: its slope does not flatten where only small targets were seen.
 
     Closed form, in float64 (on MPS, which has none, on the CPU). Where the masked source has
     fewer than 2 distinct values there is no shift to find: scale only, shift 0; if that one value
@@ -88,10 +84,7 @@ def fit_scale_shift(
     used = w > 0
     constant = torch.where(used, s, infinity).amin(1) == torch.where(used, s, -infinity).amax(1)
     one = torch.ones_like(variance)
-    covariance = (w * ds * dt).sum(dim=1)
-    if symmetric:
-        covariance = covariance.sign() * (variance * (w * dt * dt).sum(dim=1)).sqrt()
-    scale = covariance / torch.where(constant, one, variance)
+    scale = (w * ds * dt).sum(dim=1) / torch.where(constant, one, variance)
     affine = ScaleShift(scale, mean_t - scale * mean_s)
     zero = mean_s == 0
     ratio = torch.where(zero, one, mean_t / torch.where(zero, one, mean_s))
