@@ -120,6 +120,8 @@ def finish(
 
 def median(members: Float[Tensor, "members *shape"]) -> Float[Tensor, "*shape"]:
     """The median over members; of an even number the mean of the middle two."""
+    if len(members) == 1:
+        return members[0]
     ordered = members.sort(dim=0).values
     return (ordered[(len(members) - 1) // 2] + ordered[len(members) // 2]) / 2
 

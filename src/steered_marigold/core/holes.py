@@ -7,8 +7,9 @@ from enum import IntEnum
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 from torch import Tensor
+
+from steered_marigold.core.distance import distance_to
 
 # the measured range is that of all measurements but so many at both ends
 RANGE_TAILS = 0.02
@@ -26,6 +27,8 @@ BECAUSE_OF_RANGE = 0.9
 PRIOR_ERROR = 0.12
 # so near to a measurement (a share of the diagonal) shadows, edges and speckle are why
 SHALLOW = 0.01
+# distances are taken in blocks of this side (a share of the diagonal), and interpolated
+DISTANCE_STEP = 0.005
 
 
 class Hole(IntEnum):
@@ -65,9 +68,9 @@ def find_holes(
     trusted: Bool[Tensor, "height width"],
 ) -> Holes:
     """Of each pixel; prior: metric depth of the image. At least one measurement is trusted."""
-    height, width = trusted.shape
-    pixels = ndimage.distance_transform_edt(~trusted.cpu().numpy())
-    distance = torch.from_numpy(pixels).to(prior) / (height**2 + width**2) ** 0.5
+    diagonal = math.hypot(*trusted.shape)
+    step = max(1, round(diagonal * DISTANCE_STEP))
+    distance = distance_to(trusted, cap=math.ceil(diagonal), step=step) / diagonal
     measured = sparse_depth[trusted].log()
     low, high = measured[:: -(-len(measured) // SAMPLE)].quantile(
         measured.new_tensor((RANGE_TAILS, 1 - RANGE_TAILS))

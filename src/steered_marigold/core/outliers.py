@@ -210,10 +210,23 @@ def _extremes(
     low: NDArray[np.float32], high: NDArray[np.float32], side: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Least of `low` and greatest of `high` in a square window."""
-    return (
-        ndimage.minimum_filter(low, side, mode="nearest"),
-        ndimage.maximum_filter(high, side, mode="nearest"),
-    )
+    return -_greatest(-low, side), _greatest(high, side)
+
+
+def _greatest(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """The greatest of a square window, an odd number wide, cut at the borders.
+
+    Windows grow from overlapping halves: a fraction of the time of `ndimage.maximum_filter`.
+    """
+    for _ in range(2):  # columns, then rows
+        around = np.pad(values, ((side // 2, side // 2), (0, 0)), constant_values=-np.inf)
+        width = 1
+        while width < side:
+            grown = min(2 * width, side)
+            around = np.maximum(around[: len(around) - (grown - width)], around[grown - width :])
+            width = grown
+        values = around.T
+    return values
 
 
 def _alone(

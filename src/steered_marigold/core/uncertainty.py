@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
+from scipy import ndimage
 from torch import Tensor
 
 from steered_marigold.core.consistency import SensorNoise
@@ -138,9 +140,11 @@ def mean_steps(
     values: Float[Tensor, "height width"], *, radius: int
 ) -> Float[Tensor, "height width"]:
     """Mean over a window of the differences to the right and the lower neighbour, absolute."""
-    right = F.pad(values.diff(dim=1).abs(), (0, 1))
-    down = F.pad(values.diff(dim=0).abs(), (0, 0, 0, 1))
-    maps = (right + down)[None, None]
-    for kernel, padding in (((2 * radius + 1, 1), (radius, 0)), ((1, 2 * radius + 1), (0, radius))):
-        maps = F.avg_pool2d(maps, kernel, stride=1, padding=padding, count_include_pad=False)
-    return maps[0, 0]
+    steps = F.pad(values.diff(dim=1).abs(), (0, 1)) + F.pad(values.diff(dim=0).abs(), (0, 0, 0, 1))
+    side = 2 * radius + 1
+    share = [
+        ndimage.uniform_filter1d(np.ones(n, np.float32), side, mode="constant")
+        for n in values.shape
+    ]
+    mean = ndimage.uniform_filter(steps.cpu().numpy(), side, mode="constant")
+    return torch.from_numpy(mean / np.multiply.outer(*share)).to(values)
