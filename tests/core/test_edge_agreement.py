@@ -44,7 +44,7 @@ def test_edges_that_meet_are_not_doubted() -> None:
 def test_a_shift_is_found(shift: tuple[int, int]) -> None:
     agreement = edge_agreement(*_boxes(shift))
     assert agreement is not None
-    assert agreement.scale == 1
+    assert agreement.scale == (1, 1)
     assert abs(agreement.shift[0] + shift[0]) <= 1
     assert abs(agreement.shift[1] + shift[1]) <= 1
     (notice,) = misalignment_doubts(*_boxes(shift))
@@ -55,9 +55,26 @@ def test_a_shift_is_found(shift: tuple[int, int]) -> None:
 def test_a_scale_is_found() -> None:
     agreement = edge_agreement(*_boxes(scale=1 / 0.94))
     assert agreement is not None
-    assert agreement.scale == 0.94
+    assert agreement.scale == (0.94, 0.94)
     (notice,) = misalignment_doubts(*_boxes(scale=1 / 0.94))
     assert "scaled by 0.94" in notice.text
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [((1,), "left to right"), ((0,), "upside down"), ((0, 1), "turned by 180 degrees")],
+)
+def test_a_mirrored_map_is_found(axes: tuple[int, ...], words: str) -> None:
+    image, depth, valid = _boxes()
+    (notice,) = misalignment_doubts(image, depth.flip(axes), valid.flip(axes))
+    assert words in notice.text
+
+
+def test_a_symmetrical_scene_is_not_doubted() -> None:
+    image, depth, valid = _boxes()
+    image, depth, valid = (t[:, :160] for t in (image, depth, valid))
+    image, depth, valid = (torch.cat([t, t.flip(1)], dim=1) for t in (image, depth, valid))
+    assert misalignment_doubts(image, depth, valid) == ()
 
 
 def test_too_few_edges_tell_nothing() -> None:
