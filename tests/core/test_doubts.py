@@ -7,7 +7,7 @@ import pytest
 import torch
 from PIL import Image
 
-from steered_marigold.core.doubts import require_another_image, scale_doubts
+from steered_marigold.core.doubts import blank_image_doubts, require_another_image, scale_doubts
 from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.errors import InputError
 from steered_marigold.io.depth_maps import read_depth
@@ -31,6 +31,17 @@ def test_a_wrong_unit(metres: float, doubted: bool) -> None:
     depth = torch.tensor([[0.0, metres, metres, metres]])
     kinds = [notice.kind for notice in scale_doubts(depth, depth > 0)]
     assert kinds == (["implausible_scale"] if doubted else [])
+
+
+@pytest.mark.parametrize("colour", [0, 128, 255])
+def test_an_image_of_one_colour_is_doubted(colour: int) -> None:
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.randn(*SIZE, 3, generator=generator)
+    image = (colour + noise).round().clamp(0, 255).to(torch.uint8)
+    (notice,) = blank_image_doubts(image)
+    assert notice.kind == "blank_image"
+    image[:40, :40] = 60  # a thing in a corner
+    assert blank_image_doubts(image) == ()
 
 
 def test_nothing_measured_is_not_suspicious() -> None:

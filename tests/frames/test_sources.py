@@ -44,6 +44,10 @@ def test_confidence_has_the_size_of_the_depth_map(frame_files: Files, tmp_path: 
     assert frame.confidence is not None
     assert np.array_equal(frame.confidence, codes / 255)
 
+    Image.fromarray(0 * codes).save(confidence)
+    with pytest.raises(NoMeasurementsError, match=r"confidence\.png: is 0 wherever"):
+        read_frame(files, Reading())
+
     Image.fromarray(codes[:-1]).save(confidence)
     with pytest.raises(SizeMismatchError, match=r"32x23 but .* 32x24"):
         read_frame(files, Reading())

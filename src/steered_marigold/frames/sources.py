@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from steered_marigold.core.doubts import require_another_image, scale_doubts
+from steered_marigold.core.doubts import blank_image_doubts, require_another_image, scale_doubts
 from steered_marigold.core.edge_agreement import misalignment_doubts
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.inversion import inversion_doubts
@@ -154,6 +154,7 @@ def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None)
         notices += of_camera
         if reading.undistort and reading.intrinsics.distortion is not None:
             pixels = undistort_image(pixels, K, reading.intrinsics.distortion)
+    notices += blank_image_doubts(pixels)
     nothing = torch.zeros(size)
     frame = Frame(
         image=pixels,
@@ -178,6 +179,8 @@ def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -
             raise SizeMismatchError(
                 f"{files.confidence} is {_size(confidence)} but {path} {_size(measured.depth)}"
             )
+        if measured.valid_mask.any() and not confidence[measured.valid_mask].any():
+            raise NoMeasurementsError(f"{files.confidence}: is 0 wherever {path} was measured")
     depth, valid_mask = measured.depth, measured.valid_mask
     moved = _register(frame, measured, reading)
     if moved is not None:

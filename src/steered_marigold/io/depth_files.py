@@ -36,6 +36,8 @@ def load_depth_file(path: AnyPath) -> NDArray[Any]:
     """
     file, member = split_member(path)
     require_file(file)
+    if file.suffix.lower() in (".jpg", ".jpeg"):
+        raise FileFormatError(f"{file}: a JPEG is a picture of depth, with no metres in it")
     suffix = require_suffix(file, DEPTH_SUFFIXES)
     if suffix in _ARCHIVES:
         return _read_archive(file, member)

@@ -131,7 +131,8 @@ def write_depth(
         if (values > 0).any() and not fits.any():
             raise InputError(
                 f"{path}: no depth fits 16 bits in units of {output_scale} m (the largest is "
-                f"{np.nanmax(values):.4g} m); `output_scale` is in metres per unit, as 0.001"
+                f"{np.nanmax(values):.4g} m); was `depth_scale` right? `output_scale` is in metres "
+                "per unit, as 0.001"
             )
         _write_array(path, np.where(fits, codes, 0).astype(np.uint16))
     else:
