@@ -1,6 +1,7 @@
 """Frames from files and folders, checked against each other."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,16 @@ def test_a_frame_is_what_its_files_hold(frame_files: Files) -> None:
     assert frame.K.tolist() == [[30, 0, 16], [0, 30, 12], [0, 0, 1]]
     assert frame.missing["zero"] == int((~measured.valid_mask).sum())
     assert frame.confidence is None
+
+
+def test_distortion_that_stays_is_said(frame_files: Files) -> None:
+    image, depth = frame_files
+    files = FrameFiles(image=image, depth=depth)
+    lens = replace(read_intrinsics("30,30,16,12"), distortion=(0.1, 0.0, 0.0, 0.0))
+    for undistort in (False, True):
+        frame = read_frame(files, Reading(intrinsics=lens, undistort=undistort))
+        kinds = [notice.kind for notice in frame.notices]
+        assert ("distorted" in kinds) is not undistort
 
 
 def test_confidence_has_the_size_of_the_depth_map(frame_files: Files, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -52,6 +53,11 @@ def test_arguments_that_are_no_camera(tmp_path: Path) -> None:
         read_intrinsics(tmp_path / "K.txt")
 
 
+def test_an_array(tmp_path: Path) -> None:
+    np.save(tmp_path / "K.npy", np.array(EXPECTED))
+    assert read_intrinsics(tmp_path / "K.npy").K.tolist() == EXPECTED
+
+
 def test_real_frames(real_frames: Path) -> None:
     files = sorted(real_frames.glob("*/intrinsics.txt"))
     assert files
@@ -98,6 +104,9 @@ SIZED = (480, 640)
         "  distortion_coeffs: [0, 0, 0, 0]\n  distortion_model: radtan\n  resolution: [640, 480]\n",
         "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
         "   data: [ 460.5, 0., 319.5, 0., 461.25, 239.5, 0., 0., 1. ]\n",
+        'File.version: "1.0"\nCamera.type: "PinHole"\nCamera1.fx: 460.5\nCamera1.fy: 461.25\n'
+        "Camera1.cx: 319.5\nCamera1.cy: 239.5\nCamera1.k1: 0.0\nCamera.width: 640\n"
+        "Camera.height: 480\nCamera.fps: 30\n",
         "colorHeight = 480\ncolorWidth = 640\nfx_color = 460.5\nfy_color = 461.25\n"
         "mx_color = 319.5\nmy_color = 239.5\nsceneType = Apartment\n",
         "cam0=[460.5 0 319.5; 0 461.25 239.5; 0 0 1]\n"

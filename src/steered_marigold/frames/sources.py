@@ -13,6 +13,7 @@ from steered_marigold.core.doubts import blank_image_doubts, require_another_ima
 from steered_marigold.core.edge_agreement import misalignment_doubts
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.inversion import inversion_doubts
+from steered_marigold.core.notices import Notice
 from steered_marigold.core.registration import (
     Registration,
     register_depth,
@@ -152,8 +153,12 @@ def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None)
     if reading.intrinsics is not None:
         K, of_camera = reading.intrinsics.for_image(size)
         notices += of_camera
-        if reading.undistort and reading.intrinsics.distortion is not None:
-            pixels = undistort_image(pixels, K, reading.intrinsics.distortion)
+        distortion = reading.intrinsics.distortion
+        if distortion is not None and reading.undistort:
+            pixels = undistort_image(pixels, K, distortion)
+        elif distortion is not None:
+            text = "The lens's distortion was left as it is; `undistort` takes it out."
+            notices += (Notice("distorted", text),)
     notices += blank_image_doubts(pixels)
     nothing = torch.zeros(size)
     frame = Frame(

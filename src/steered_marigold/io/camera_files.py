@@ -11,7 +11,7 @@ import yaml
 
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError
-from steered_marigold.io.files import AnyPath, decoding, require_file
+from steered_marigold.io.files import AnyPath, decoding, load_array, require_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +44,7 @@ _HEIGHTS = ("image_height", "height", "h", "colorHeight", "Resolution y")
 _DISTORTIONS = (
     "distortion_coefficients", "distortion_coeffs", "coeffs", "D", "d", "dist_coeffs", "distCoeffs"
 )  # fmt: skip
+_ORB_SLAM = r"^Camera1?\."
 _PINHOLE_MODELS = ("plumb_bob", "rational_polynomial", "radtan", "radial-tangential", "")
 
 
@@ -63,7 +64,7 @@ def parse_camera(text: str) -> Camera:
     if not fields:
         raise FileFormatError(
             "intrinsics are fx,fy,cx,cy, a 3x3 K, or a camera file of ROS, Open3D, RealSense, "
-            "ScanNet, KITTI, COLMAP, TUM or Middlebury; this is none of them"
+            "ScanNet, KITTI, COLMAP, TUM, ORB-SLAM or Middlebury; this is none of them"
         )
     return _from_fields(fields)
 
@@ -73,6 +74,8 @@ def camera_text(source: AnyPath) -> str:
     if parse_numbers(str(source)) is not None:
         return str(source)
     path = require_file(source)
+    if path.suffix.lower() == ".npy":
+        return " ".join(map(str, load_array(path).flatten().tolist()))
     with decoding(path):
         return path.read_text(encoding="utf-8-sig")
 
@@ -151,7 +154,9 @@ def _fields(text: str, body: str) -> dict[str, Any]:
         data = data if _find(data, (*_KITTI, "cam0", *_FOCAL_X)) is not None else _yaml(text)
     else:
         data = _yaml(text)
-    return data if isinstance(data, dict) else {}
+    if not isinstance(data, dict):
+        return {}
+    return {re.sub(_ORB_SLAM, "", str(name)): value for name, value in data.items()}
 
 
 def _json(text: str) -> Any:
@@ -224,6 +229,8 @@ def _size(fields: Mapping[str, Any]) -> tuple[int, int] | None:
 def _distortion(fields: Mapping[str, Any]) -> list[float] | None:
     """OpenCV's coefficients, if the model is OpenCV's."""
     model = str(fields.get("distortion_model") or "").lower()
+    if "KannalaBrandt" in str(fields.get("type")):
+        model = "KannalaBrandt"
     if model not in _PINHOLE_MODELS:
         raise FileFormatError(f"the distortion model {model} is no pinhole camera's; undistort it")
     named = [fields.get(name) for name in ("k1", "k2", "p1", "p2", "k3")]

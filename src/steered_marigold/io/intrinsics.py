@@ -86,9 +86,9 @@ def read_intrinsics(source: AnyPath) -> Intrinsics:
     """Intrinsics from "fx,fy,cx,cy" or "fx,fy,cx,cy,width,height", or from a file.
 
     A file holds the same numbers, a 3x3 or 4x4 K, fx fy cx cy and distortion (TUM), or is ROS
-    camera_info or Kalibr or OpenCV YAML, Open3D, RealSense, Record3D or nerfstudio JSON, KITTI
-    calibration, COLMAP cameras.txt, Middlebury calib.txt or the metadata of a RealSense frame.
-    Lines that begin with # are comments.
+    camera_info or Kalibr, OpenCV or ORB-SLAM YAML, Open3D, RealSense, Record3D or nerfstudio JSON,
+    a K as .npy, KITTI calibration, COLMAP cameras.txt, Middlebury calib.txt or the metadata of a
+    RealSense frame. Lines that begin with # are comments.
 
     Raises FileFormatError if it is none of these, or not a pinhole camera.
     """
