@@ -23,11 +23,12 @@ def test_a_fill_is_missing_whatever_its_value(fill: float) -> None:
     depth = scene()
     depth[30:60, 40:90] = fill
     result = plausible_measurements(depth, depth > 0)
-    assert result.repeated == 30 * 50
+    impossible = fill > 1e5
+    assert (result.beyond_limits, result.repeated) == ((1500, 0) if impossible else (0, 1500))
     assert result.absurd == 0
     assert not bool(result.mask[30:60, 40:90].any())
     assert int(result.mask.sum()) == depth.numel() - 30 * 50
-    assert result.fills == pytest.approx([fill], rel=1e-6)
+    assert result.fills == (() if impossible else pytest.approx([fill], rel=1e-6))
 
 
 def test_two_fills_at_once() -> None:
@@ -38,7 +39,7 @@ def test_two_fills_at_once() -> None:
 
 def test_single_absurd_values_are_missing() -> None:
     depth = scene()
-    depth[5, 5], depth[9, 70] = 4000.0, 1e-4
+    depth[5, 5], depth[9, 70] = 4000.0, 2e-3
     result = plausible_measurements(depth, depth > 0)
     assert (result.repeated, result.absurd) == (0, 2)
     assert not bool(result.mask[5, 5] | result.mask[9, 70])
@@ -59,7 +60,7 @@ def test_a_handful_is_plausible() -> None:
     depth = scene()
     mask = torch.zeros_like(depth, dtype=torch.bool)
     mask[:3, :5] = True
-    depth[0, 0] = 1e10
+    depth[0, 0] = 1e4
     assert torch.equal(plausible_measurements(depth, mask).mask, mask)
     nothing = torch.zeros_like(mask)
     assert torch.equal(plausible_measurements(depth, nothing).mask, nothing)
@@ -79,3 +80,14 @@ def test_a_flat_box_before_all_else_is_no_fill() -> None:
     depth[20:40, 30:60] = 1.4
     found = plausible_measurements(depth, depth > 0)
     assert (found.repeated, found.absurd) == (0, 0)
+
+
+@given(st.floats(min_value=0, exclude_min=True, allow_infinity=False, width=32))
+def test_what_no_depth_is_counts_as_missing(value: float) -> None:
+    depth = torch.full((10, 10), 2.0)
+    depth[0, :3] = value
+    found = plausible_measurements(depth, depth > 0)
+    if not 0.001 <= value <= 1e5:
+        assert found.beyond_limits == int((depth[0, :3] > 0).sum())
+        assert not found.mask[0, :3].any()
+    assert bool(found.mask[1:].all())

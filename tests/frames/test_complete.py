@@ -41,7 +41,8 @@ def test_the_record_says_what_happened(completer: NearestCompleter, frame: Frame
     assert (values["metric"], values["scale"], values["shift"]) == (True, 4.0, 0.5)
     assert (values["frame"], values["seed"], values["steps"]) == ("f", 3, 1)
     assert (values["trusted"], values["untrusted"]) == (int(frame.valid_mask.sum()), 0)
-    assert values["treated_as_missing"] == {**frame.missing, "repeated": 0, "absurd": 0}
+    none = {"beyond_limits": 0, "repeated": 0, "absurd": 0}
+    assert values["treated_as_missing"] == {**frame.missing, **none}
     assert record.notices == ()
     assert json.loads(json.dumps(record.to_json(), allow_nan=False)) == {**values, "notices": []}
 

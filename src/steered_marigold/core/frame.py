@@ -14,7 +14,7 @@ from steered_marigold.core.colours import to_8_bits
 from steered_marigold.core.doubts import scale_doubts
 from steered_marigold.core.geometry import crop_intrinsics
 from steered_marigold.core.notices import Notice, Notices
-from steered_marigold.core.plausibility import plausible_measurements
+from steered_marigold.core.plausibility import FARTHEST, NEAREST, plausible_measurements
 from steered_marigold.errors import InputError, SizeMismatchError
 
 # modes of PIL images whose numbers are not red, green and blue, nor grey
@@ -89,10 +89,16 @@ class Frame:
         """Without measurements that can be no depths of one scene, which are counted and said."""
         found = plausible_measurements(self.sparse_depth, self.valid_mask)
         counts = {
-            name: self.missing.get(name, 0) + more
-            for name, more in (("repeated", found.repeated), ("absurd", found.absurd))
+            name: self.missing.get(name, 0) + getattr(found, name)
+            for name in ("beyond_limits", "repeated", "absurd")
         }
         notices = self.notices
+        if found.beyond_limits:
+            text = (
+                f"{found.beyond_limits} measurements are nearer than {NEAREST} m or farther than "
+                f"{FARTHEST:g} m, which no depth is: left out"
+            )
+            notices += (Notice("beyond_limits", text),)
         if found.repeated:
             values = " and ".join(f"{value:.4g} m" for value in found.fills)
             text = f"{found.repeated} measurements of {values} are a fill, not depth: left out"

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 from torch import Tensor
 
+NEAREST, FARTHEST = 0.001, 1e5  # [m]; nothing beyond is depth
 # with fewer measurements nothing can be said of any of them
 LEAST_MEASUREMENTS = 20
 # quantiles and frequencies are those of so many, evenly spread
@@ -33,11 +34,13 @@ ABSURD_FACTOR = 50.0
 
 @dataclass(frozen=True)
 class Plausibility:
-    """mask: what counts as measured. repeated: pixels of fills. absurd: pixels out of all range.
-    fills: the values [m] of the fills.
+    """mask: what counts as measured. beyond_limits: pixels nearer than NEAREST, or farther than
+    FARTHEST. repeated: pixels of fills. absurd: pixels out of all range. fills: the values [m] of
+    the fills.
     """
 
     mask: Bool[Tensor, "height width"]
+    beyond_limits: int
     repeated: int
     absurd: int
     fills: tuple[float, ...]
@@ -50,22 +53,23 @@ def plausible_measurements(
 
     Not so are one and the same extreme value at many pixels, whatever the type of the file (65535
     in 32 bits, FLT_MAX, 65504, 1e10, 0.001), and values far outside what all others span.
-    Multiplying all depth by a number changes nothing.
+    Within the limits, multiplying all depth by a number changes nothing.
     """
     depth = sparse_depth[valid_mask].cpu().numpy()
-    keep = np.ones_like(depth, dtype=bool)
+    keep = (depth >= np.float32(NEAREST)) & (depth <= FARTHEST)
+    beyond = int(np.count_nonzero(~keep))
     fills: list[float] = []
     while (fill := _fill(depth[keep])) is not None:
         fills.append(fill)
         keep &= depth != fill
-    repeated = int(np.count_nonzero(~keep))
+    repeated = int(np.count_nonzero(~keep)) - beyond
     if np.count_nonzero(keep) >= LEAST_MEASUREMENTS:
         near, far = np.quantile(_sample(depth[keep]), (0.1, 0.9))
         keep &= (depth <= far * ABSURD_FACTOR) & (depth >= near / ABSURD_FACTOR)
     mask = valid_mask.clone()
     mask[valid_mask] = torch.from_numpy(keep).to(mask.device)
-    absurd = int(np.count_nonzero(~keep)) - repeated
-    return Plausibility(mask, repeated, absurd, tuple(fills))
+    absurd = int(np.count_nonzero(~keep)) - repeated - beyond
+    return Plausibility(mask, beyond, repeated, absurd, tuple(fills))
 
 
 def _fill(depth: NDArray[np.float32]) -> float | None:

@@ -16,6 +16,7 @@ from PIL import Image
 from torch import Tensor
 
 from steered_marigold.core.notices import Notices
+from steered_marigold.core.plausibility import FARTHEST, NEAREST
 from steered_marigold.errors import InputError
 from steered_marigold.io.code_doubts import code_doubts
 from steered_marigold.io.depth_encodings import (
@@ -28,7 +29,6 @@ from steered_marigold.io.depth_files import load_depth_file
 from steered_marigold.io.files import AnyPath, atomic_write, require_suffix
 
 WRITABLE_DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff", ".exr")
-NEAREST, FARTHEST = 0.001, 1e5  # [m]; nothing beyond is depth
 _LARGEST_CODE = 65535
 
 

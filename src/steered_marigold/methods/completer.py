@@ -64,7 +64,9 @@ class DepthCompleter(ABC):
         from this method.
         """
         if not frame.measured and not (relative and self.answers_without_measurements):
-            raise NoMeasurementsError(f"{self.name}: no pixel of `valid_mask` is True")
+            why = [f"{n} {name.replace('_', ' ')}" for name, n in frame.missing.items() if n]
+            left_out = f" (left out: {', '.join(why)})" if why else ""
+            raise NoMeasurementsError(f"{self.name}: nothing was measured{left_out}")
         return self._complete(frame, generator or torch.Generator().manual_seed(SEED))
 
     @abstractmethod
