@@ -201,6 +201,9 @@ def test_shards_that_cannot_be_used_are_named(
         shard_source(_parquet(tmp_path / "d.parquet", id=["1"], image=[image]), Reading())
     with pytest.raises(InputError, match="no column id, only image, depth"):
         shard_source(_parquet(tmp_path / "i.parquet", image=[image], depth=[depth]), Reading())
+    nameless = {"id": ["1", None], "image": [image] * 2, "depth": [depth] * 2}
+    with pytest.raises(InputError, match="its column id is empty in row 1"):
+        shard_source(_parquet(tmp_path / "n.parquet", **nameless), Reading())
     texts = _parquet(tmp_path / "t.parquet", id=["1"], image=["x.png"], depth=[depth])
     with pytest.raises(InputError, match="column image does not hold the bytes of files"):
         shard_source(texts, Reading()).load("1")

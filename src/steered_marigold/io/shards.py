@@ -54,7 +54,8 @@ def list_tar(path: Path) -> Iterator[TarMember]:
         for member in tar:
             if member.isreg() and not member.issparse():
                 end = member.offset_data + member.size
-                yield TarMember(member.name.removeprefix("./"), member.offset_data, end)
+                name = member.name.removeprefix("./").lstrip("/")
+                yield TarMember(name, member.offset_data, end)
 
 
 def read_member(path: Path, member: TarMember) -> bytes:
@@ -88,7 +89,9 @@ def list_parquet(path: Path) -> Iterator[ParquetRow]:
         for group in range(file.num_row_groups):
             ids = file.read_row_group(group, columns=["id"], use_threads=False).column("id")
             for row, value in enumerate(ids.to_pylist()):
-                yield ParquetRow(str(value), group, row)
+                if not (name := str("" if value is None else value).lstrip("/")):
+                    raise FileFormatError(f"{path}: its column id is empty in row {row} of {group}")
+                yield ParquetRow(name, group, row)
 
 
 def read_row(path: Path, row: ParquetRow, columns: Sequence[str]) -> dict[str, bytes | None]:
