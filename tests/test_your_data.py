@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -161,6 +162,15 @@ def _distorted() -> None:
     )
 
 
+def _shards() -> None:
+    _image(Path("image.png"))
+    _codes(Path("depth.png"), 0.001)
+    Path("shards").mkdir()
+    with tarfile.open("shards/000.tar", "w") as tar:
+        tar.add("image.png", "frame.png")
+        tar.add("depth.png", "frame.depth.png")
+
+
 # a word that only this line has, and what makes its files
 MADE_BY: dict[str, Callable[[], None]] = {
     "aligned_depth.png": _realsense,
@@ -177,6 +187,7 @@ MADE_BY: dict[str, Callable[[], None]] = {
     "hdf5": _hypersim,
     "disp0.pfm": _middlebury,
     "--undistort": _distorted,
+    "shards/": _shards,
 }
 
 

@@ -7,6 +7,7 @@ import json
 import os
 import resource
 import sys
+import tarfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -29,6 +30,7 @@ from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.errors import SteeredMarigoldError
 from steered_marigold.evaluation.results import ResultLog
 from steered_marigold.frames.outputs import Outputs
+from steered_marigold.frames.shards import shard_source
 from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
 from steered_marigold.io.bags import open_recording
 from steered_marigold.io.confidence_maps import read_confidence
@@ -37,6 +39,7 @@ from steered_marigold.io.extrinsics import read_extrinsics
 from steered_marigold.io.images import read_image
 from steered_marigold.io.intrinsics import read_intrinsics
 from steered_marigold.io.point_clouds import PointCloud, read_point_cloud, write_point_cloud
+from steered_marigold.io.shards import _row_group
 from tests.batch.workers import load
 from tests.diffusion.conftest import tiny_pipeline
 from tests.faults.mutations import Edit, damaged, edits
@@ -171,7 +174,32 @@ def _manifests(folder: Path) -> dict[str, Case]:
     }
 
 
-MAKERS = (_depth_files, _images, _cameras, _bags, _checkpoint, _manifests)
+def _shards(folder: Path) -> dict[str, Case]:
+    image, depth = folder / "1.png", folder / "1.depth.png"
+    write_frame(image, depth, seed=0)
+    with tarfile.open(folder / "shard.tar", "w") as tar:
+        for path in (image, depth):
+            tar.add(path, path.name)
+    cases = {"tar": Case(folder / "shard.tar", partial(_shard, folder / "shard.tar"))}
+    with suppress(ImportError):
+        from pyarrow import table
+        from pyarrow.parquet import write_table
+
+        path = folder / "shard.parquet"
+        columns = {"image": [image.read_bytes()], "depth": [depth.read_bytes()]}
+        write_table(table({"id": ["1"], **columns}), path)
+        cases["parquet"] = Case(path, partial(_shard, path))
+    return cases
+
+
+def _shard(path: Path) -> None:
+    _row_group.cache_clear()
+    source = shard_source(path, Reading())
+    for frame_id in source.ids:
+        source.load(frame_id)
+
+
+MAKERS = (_depth_files, _images, _cameras, _bags, _checkpoint, _manifests, _shards)
 
 
 @pytest.mark.parametrize("maker", MAKERS, ids=lambda maker: maker.__name__.strip("_"))

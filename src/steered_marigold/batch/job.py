@@ -4,7 +4,6 @@ import errno
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -12,7 +11,8 @@ from steered_marigold.core.frame import Frame
 from steered_marigold.errors import InputError, SteeredMarigoldError
 from steered_marigold.frames.complete import Record, complete_frame, require_max_uncertainty
 from steered_marigold.frames.outputs import Outputs, save
-from steered_marigold.frames.sources import FileSource, FrameFiles, read_frame
+from steered_marigold.frames.sources import FrameFiles, ListedSource
+from steered_marigold.io.remote import RemotePath
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
 # what stops the writing of one frame and would stop that of all others
@@ -64,7 +64,7 @@ class Plan:
     skipped: how many frames have their results.
     """
 
-    source: FileSource
+    source: ListedSource
     folders: Outputs
     suffix: str
     frames: Sequence[str]
@@ -74,32 +74,33 @@ class Plan:
         """The frames to do."""
         for frame_id in self.frames:
             outputs = self.folders.of_frame(frame_id, self.suffix)
-            files = self.source.files[frame_id]
-            read = partial(read_frame, files, self.source.reading, frame_id)
-            yield FrameTask(files=files, outputs=outputs, read=read)
+            files = self.source.files_of(frame_id)
+            yield FrameTask(files=files, outputs=outputs, read=self.source.reader(frame_id))
 
 
-def plan(source: FileSource, folders: Outputs, *, suffix: str, overwrite: bool) -> Plan:
+def plan(source: ListedSource, folders: Outputs, *, suffix: str, overwrite: bool) -> Plan:
     """What is left to do; writes nothing.
 
     suffix: of depth and uncertainty. Raises InputError if an output would overwrite an input, or
     lie among the inputs, where the next run would take it for one.
     """
-    inputs = {path.parent for files in source.files.values() for path in files.given()}
+    ids = source.ids
+    if not ids:
+        raise InputError("no frames were found")
+    inputs = {path.parent for frame_id in ids for path in source.files_of(frame_id).given()}
     resolved = {path.resolve() for path in inputs}
     for folder in folders.asked().values():
         if folder.resolve() in resolved:
             raise InputError(f"{folder}: holds inputs; results need a folder of their own")
-    first, files = next(iter(source.files.items()))
-    folders.of_frame(first, suffix).require_distinct(files)
+    folders.of_frame(ids[0], suffix).require_distinct(source.files_of(ids[0]))
     # a look into each folder, not one for each of a million files
     there = {folder: _names_in(folder) for folder in folders.asked().values()}
     frames = []
-    for frame_id in source.files:
+    for frame_id in ids:
         outputs = folders.of_frame(frame_id, suffix).asked().values()
         if overwrite or not all(path.name in there[path.parent] for path in outputs):
             frames.append(frame_id)
-    skipped = len(source.files) - len(frames)
+    skipped = len(ids) - len(frames)
     return Plan(source=source, folders=folders, suffix=suffix, frames=frames, skipped=skipped)
 
 
@@ -156,6 +157,8 @@ def complete_to_files(
 
 def _names_in(folder: Path) -> set[str]:
     """Of a folder's entries; none if there is no folder."""
+    if isinstance(folder, RemotePath):
+        return {path.name for path in folder.iterdir()}
     try:
         with os.scandir(folder) as entries:
             return {entry.name for entry in entries}

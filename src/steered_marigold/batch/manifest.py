@@ -1,6 +1,7 @@
 """The record of a run over many frames: what was made from what, and how.
 
-It lies in `.run`, in the folder of the depth maps: run.json, and records.jsonl with a line a frame.
+It lies in `.run`, in the folder of the depth maps: run.json, and records.jsonl with a line a frame;
+on object storage, see `remote_records`.
 """
 
 import json
@@ -16,6 +17,7 @@ from platform import python_version
 from typing import IO, Any
 
 from steered_marigold.batch.job import JobSettings, Outcome, Plan
+from steered_marigold.batch.remote_records import remote_records
 from steered_marigold.diffusion.checkpoint_files import checksum
 from steered_marigold.diffusion.checkpoints import checkpoint_folder, parse_device, parse_dtype
 from steered_marigold.diffusion.settings import get_preset
@@ -28,6 +30,7 @@ from steered_marigold.io.files import (
     stale_temporaries,
 )
 from steered_marigold.io.json_lines import JsonLines
+from steered_marigold.io.remote import RemotePath
 
 if sys.platform != "win32":
     import fcntl
@@ -130,22 +133,16 @@ def open_run(
     """
     if not overwrite:
         require_same_settings(todo, settings)
-    folders = [*todo.folders.asked().values(), todo.folders.depth / FOLDER]
+    run = todo.folders.depth / FOLDER
+    folders = [p for p in (*todo.folders.asked().values(), run) if not isinstance(p, RemotePath)]
     created = [folder for folder in folders if not folder.exists()]
     for folder in folders:
         create_folder(folder)
-    run = folders[-1]
-    log = JsonLines(run / "records.jsonl")
     with _lock(run / "lock") as alone:
         fresh = not (run / "run.json").is_file()
         for folder in folders:
             for left in stale_temporaries(folder, **({"older_than_s": 0.0} if alone else {})):
                 left.unlink(missing_ok=True)
-        if overwrite and alone:
-            log.path.unlink(missing_ok=True)
-        if log.path.is_file():
-            log.drop_unfinished_line()
-        _write(run / "run.json", settings, engine, todo, anew=fresh or overwrite)
         logged = False
 
         def append(outcome: Outcome) -> None:
@@ -154,14 +151,33 @@ def open_run(
             error = (
                 {} if outcome.error is None else {"image": outcome.frame, "error": outcome.error}
             )
-            log.append(record | error)
+            log(record | error)
             logged = True
 
-        try:
+        with _records(run, alone=alone, overwrite=overwrite) as log:
+            _write(run / "run.json", settings, engine, todo, anew=fresh or overwrite)
+            try:
+                yield append
+            finally:
+                if fresh and not logged and not todo.skipped:
+                    _remove_created(run, created)
+
+
+@contextmanager
+def _records(
+    run: Path, *, alone: bool, overwrite: bool
+) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Gives what adds a line to the records in the folder `run`; see `remote_records`."""
+    if isinstance(run, RemotePath):
+        with remote_records(run, anew=overwrite) as append:
             yield append
-        finally:
-            if fresh and not logged and not todo.skipped:
-                _remove_created(run, created)
+        return
+    log = JsonLines(run / "records.jsonl")
+    if overwrite and alone:
+        log.path.unlink(missing_ok=True)
+    if log.path.is_file():
+        log.drop_unfinished_line()
+    yield log.append
 
 
 def _read(path: Path) -> Any:
@@ -181,7 +197,7 @@ def _write(
     session = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         **engine,
-        "frames": len(todo.source.files),
+        "frames": len(todo.source.ids),
         "skipped": todo.skipped,
         "versions": {"python": python_version()} | {name: version(name) for name in _PACKAGES},
     }
@@ -209,7 +225,7 @@ def _remove_created(run: Path, created: list[Path]) -> None:
 @contextmanager
 def _lock(path: Path) -> Iterator[bool]:
     """Marks that a run is going on; whether no other one is, and temporary files are nobody's."""
-    if sys.platform == "win32":
+    if sys.platform == "win32" or isinstance(path, RemotePath):
         yield False
         return
     try:

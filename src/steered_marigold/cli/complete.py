@@ -15,7 +15,7 @@ from typer import Argument
 
 from steered_marigold.cli.engines import Count, EngineName, counted, make_engine
 from steered_marigold.cli.messages import say, say_error, warn_of
-from steered_marigold.cli.options import Dtype, option_panel
+from steered_marigold.cli.options import Dtype, option_panel, path_or_url
 from steered_marigold.cli.progress import progress_bar
 from steered_marigold.errors import InputError
 
@@ -34,6 +34,7 @@ _read = option_panel("How to read the files")
 _method = option_panel("How to complete")
 _many = option_panel("Many frames")
 _PRESETS = "the preset's"
+_PATH: dict[str, Any] = {"parser": path_or_url, "metavar": "<path>"}
 
 
 class DepthGrid(StrEnum):
@@ -44,12 +45,20 @@ class DepthGrid(StrEnum):
 
 
 def complete(
-    image: Annotated[Path, Argument(help="An image, or a folder of them.")],
+    image: Annotated[
+        Path,
+        Argument(
+            parser=path_or_url,
+            help="An image, or a folder of them; or shards of frames (.tar, .parquet; "
+            "docs/scale.md). A file, or a URL as s3://bucket/images.",
+        ),
+    ],
     depth: Annotated[
         Path | None,
         Argument(
+            parser=path_or_url,
             help="Its incomplete depth (.png of 16 bits, .tiff, .npy, .exr; 0 = missing), or a "
-            "folder of depth maps with the stems of the images."
+            "folder of depth maps with the stems of the images.",
         ),
     ] = None,
     *,
@@ -58,6 +67,7 @@ def complete(
         _write(
             "-o",
             "--output",
+            **_PATH,
             help=".png (uint16 millimetres), .npy, .tiff or .exr (float32 metres); for folders a "
             "folder.",
             show_default="IMAGE_completed.png, or completed/",
@@ -69,12 +79,14 @@ def complete(
     output_format: Annotated[
         str, _write(help="Of a folder's depth and uncertainty: png, npy, tiff or exr.")
     ] = "png",
-    uncertainty: Annotated[Path | None, _write(help="The error's standard deviation [m].")] = None,
+    uncertainty: Annotated[
+        Path | None, _write(**_PATH, help="The error's standard deviation [m].")
+    ] = None,
     visualization: Annotated[
-        Path | None, _write(help="A .png of image, input, result and uncertainty.")
+        Path | None, _write(**_PATH, help="A .png of image, input, result and uncertainty.")
     ] = None,
     point_cloud: Annotated[
-        Path | None, _write(help="A coloured .ply in metres; needs --intrinsics.")
+        Path | None, _write(**_PATH, help="A coloured .ply in metres; needs --intrinsics.")
     ] = None,
     max_uncertainty: Annotated[
         float | None,
@@ -125,7 +137,10 @@ def complete(
     ] = False,
     confidence: Annotated[
         Path | None,
-        _read(help="Weights of the measurements: .png (white = 1) or .npy in 0..1, or a folder."),
+        _read(
+            **_PATH,
+            help="Weights of the measurements: .png (white = 1) or .npy in 0..1, or a folder.",
+        ),
     ] = None,
     sensor_noise: Annotated[
         str | None,
@@ -220,19 +235,21 @@ def complete(
     from steered_marigold.batch.manifest import describe_model, describe_settings, threads_before
     from steered_marigold.diffusion.settings import KNOBS
     from steered_marigold.frames.outputs import Outputs
+    from steered_marigold.frames.shards import holds_shards, shard_source
     from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
     from steered_marigold.io.extrinsics import read_extrinsics
     from steered_marigold.io.files import require_writable
     from steered_marigold.io.intrinsics import read_intrinsics
     from steered_marigold.methods.settings_text import read_settings
 
-    if depth is None and not no_measurements:
+    sharded = depth is None and holds_shards(image)
+    if depth is None and not no_measurements and not sharded:
         raise InputError(
             "`depth` is missing; for relative depth from the image alone give `no_measurements`"
         )
     if depth is None and confidence is not None:
         raise InputError("`confidence` weighs measurements: give `depth` too")
-    many = image.is_dir()
+    many = sharded or image.is_dir()
     inputs = FrameFiles(image=image, depth=depth, confidence=confidence)
     outputs = Outputs(
         depth=output or Path("completed" if many else f"{image.stem}_completed.png"),
@@ -280,7 +297,8 @@ def complete(
     )
     show = _print_json if as_json else _print_paths
     if many:
-        todo = plan(folder_source(inputs, reading), outputs, suffix=suffix, overwrite=overwrite)
+        source = shard_source(image, reading) if sharded else folder_source(inputs, reading)
+        todo = plan(source, outputs, suffix=suffix, overwrite=overwrite)
         where = make_engine(
             engine,
             workers=workers,
@@ -334,7 +352,7 @@ def _complete_folders(
     from steered_marigold.batch.run import complete_all
 
     if todo.source.rule:
-        say(f"{len(todo.source.files)} frames, paired by {todo.source.rule}")
+        say(f"{len(todo.source.ids)} frames, paired by {todo.source.rule}")
     for path in todo.source.lone:
         say_error(f"{path}: belongs to no pair")
     count, total = Count(skipped=todo.skipped, failed=len(todo.source.lone)), len(todo.frames)

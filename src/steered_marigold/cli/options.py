@@ -2,9 +2,13 @@
 
 from collections.abc import Callable
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
-from typer import Option
+from typer import BadParameter, Option
+
+from steered_marigold.errors import InputError
+from steered_marigold.io.remote import location
 
 
 class Dtype(StrEnum):
@@ -14,6 +18,14 @@ class Dtype(StrEnum):
     FLOAT32 = "float32"
     BFLOAT16 = "bfloat16"
     FLOAT16 = "float16"
+
+
+def path_or_url(text: str) -> Path:
+    """What a user types for either."""
+    try:
+        return location(text)
+    except InputError as error:
+        raise BadParameter(str(error)) from error
 
 
 def option_panel(title: str) -> Callable[..., Any]:

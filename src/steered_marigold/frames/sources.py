@@ -1,8 +1,11 @@
 """Where frames come from: one frame's files, or folders of them."""
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Protocol
 
 import torch
@@ -19,13 +22,20 @@ from steered_marigold.core.registration import (
     register_depth,
     register_depth_camera,
 )
-from steered_marigold.errors import InputError, NoMeasurementsError, SizeMismatchError
+from steered_marigold.errors import (
+    FileFormatError,
+    InputError,
+    NoMeasurementsError,
+    SizeMismatchError,
+)
 from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES, read_confidence
 from steered_marigold.io.depth_files import is_depth_name, require_other_file
 from steered_marigold.io.depth_maps import DepthMap, read_depth
+from steered_marigold.io.files import named_as
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import Intrinsics
 from steered_marigold.io.pairing import pair_files
+from steered_marigold.io.remote import RemotePath
 from steered_marigold.io.undistortion import undistort_depth, undistort_image
 
 
@@ -91,22 +101,52 @@ class FrameSource(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FileSource:
-    """Frames of files, by id. lone: files that belong to no frame. rule: how they were paired."""
+class ListedSource(ABC):
+    """A FrameSource that one look has found, to be shared out to workers.
 
-    files: dict[str, FrameFiles]
+    lone: files that belong to no frame. rule: how those of a frame were put together.
+    """
+
     reading: Reading
     lone: tuple[Path, ...] = field(default=())
     rule: str = ""
+
+    @property
+    @abstractmethod
+    def ids(self) -> Sequence[str]:
+        """See `FrameSource`."""
+
+    @abstractmethod
+    def files_of(self, frame_id: str) -> FrameFiles:
+        """What a frame is made of, by the names that records and messages have for it."""
+
+    @abstractmethod
+    def reader(self, frame_id: str) -> Callable[[], Frame]:
+        """Gives the frame; small, since it is sent to other processes."""
+
+    def load(self, frame_id: str) -> Frame:
+        """See `FrameSource`."""
+        return self.reader(frame_id)()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileSource(ListedSource):
+    """Frames of files, by id."""
+
+    files: dict[str, FrameFiles]
 
     @property
     def ids(self) -> list[str]:
         """Of the frames: the stems of their images."""
         return list(self.files)
 
-    def load(self, frame_id: str) -> Frame:
-        """See `read_frame`."""
-        return read_frame(self.files[frame_id], self.reading, frame_id)
+    def files_of(self, frame_id: str) -> FrameFiles:
+        """See `ListedSource`."""
+        return self.files[frame_id]
+
+    def reader(self, frame_id: str) -> Callable[[], Frame]:
+        """See `ListedSource`."""
+        return partial(read_frame, self.files[frame_id], self.reading, frame_id)
 
 
 def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
@@ -145,6 +185,12 @@ def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
 
 def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None) -> Frame:
     """The frame's files, checked against each other; InputError where they cannot be used."""
+    frame_id = files.image.stem if frame_id is None else frame_id
+    contents: dict[Path, bytes] = {
+        path: path.read_bytes() for path in files.given() if isinstance(path, RemotePath)
+    }
+    if contents:
+        return read_copies(files, contents, reading, frame_id)
     if files.depth is not None:
         require_other_file(files.image, files.depth)
     image = read_image(files.image)
@@ -166,10 +212,26 @@ def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None)
         sparse_depth=nothing,
         valid_mask=nothing > 0,
         K=K,
-        id=files.image.stem if frame_id is None else frame_id,
+        id=frame_id,
         notices=notices,
     )
     return frame if files.depth is None else _with_depth(frame, files, files.depth, reading)
+
+
+def read_copies(
+    files: FrameFiles, contents: Mapping[Path, bytes], reading: Reading, frame_id: str
+) -> Frame:
+    """A frame of files that do not lie on this machine, from their contents; see `read_frame`."""
+    with TemporaryDirectory(prefix="steered-marigold-") as folder:
+        copies = {}
+        for index, (path, content) in enumerate(contents.items()):
+            if path.suffix.lower() == ".raw":
+                raise FileFormatError(f"{path}: raw depth is read from this machine's disks only")
+            copies[path] = Path(folder, f"{index}{path.suffix}")
+            copies[path].write_bytes(content)
+        local = {name: copies.get(path, path) for name, path in vars(files).items()}
+        with named_as({copy: path for path, copy in copies.items()}):
+            return read_frame(FrameFiles(**local), reading, frame_id)
 
 
 def _with_depth(frame: Frame, files: FrameFiles, path: Path, reading: Reading) -> Frame:

@@ -5,9 +5,10 @@ import re
 import time
 import uuid
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from steered_marigold.errors import FileFormatError, InputError
+from steered_marigold.io.remote import RemotePath
 
 MAX_PIXELS = 100_000_000
 _TEMPORARY = re.compile(r"\..*\.[0-9a-f]{8}\.(tmp|old)(\.[^.]+)?")
@@ -44,6 +46,8 @@ def require_file(path: AnyPath) -> Path:
 
 def require_writable(path: AnyPath) -> None:
     """InputError if a file cannot be written at `path`: told before the work, not after it."""
+    if isinstance(path, RemotePath):  # only writing tells
+        return
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: cannot be written, it is a folder; name a file")
@@ -100,31 +104,59 @@ def atomic_writes(paths: Sequence[AnyPath]) -> Iterator[list[Path]]:
 
     The last path is renamed last, so that it may stand for the others. If anything fails nothing
     new is left behind and older files are as they were. A link stays one: what it leads to is
-    written; what is no regular file, such as a device, is written into.
+    written; what is no regular file, such as a device, is written into. Of a URL the temporary path
+    is on this machine, and becomes a whole object; those that were put before one that fails stay.
 
     Raises InputError, naming the path, if the system refuses to write there.
     """
+    if any(isinstance(path, RemotePath) for path in paths):
+        with _staged(paths) as temporaries:
+            yield temporaries
+        return
     targets = [Path(path).resolve() if Path(path).is_symlink() else Path(path) for path in paths]
     temporaries = [
         _beside(Path(path) if _is_special(target) else target, "tmp")
         for path, target in zip(paths, targets, strict=True)
     ]
     try:
-        yield temporaries
+        with named_as(dict(zip(temporaries, paths, strict=True))):
+            yield temporaries
         _rename_all(temporaries, targets)
     except OSError as error:
         # a writer that does not tell its file was most likely at the first
         path = paths[_index_of(error, temporaries)]
         reason = error.strerror or str(error)
         raise InputError(f"{path}: cannot be written ({reason})") from error
-    except InputError as error:
-        message = str(error)
-        for temporary, path in zip(temporaries, paths, strict=True):
-            message = message.replace(str(temporary), str(path))
-        raise type(error)(message) from error
     finally:
         for temporary in temporaries:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def named_as(names: Mapping[Path, AnyPath]) -> Iterator[None]:
+    """An InputError inside the block tells of the files by these other names."""
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+        for path, name in names.items():
+            message = message.replace(str(path), str(name))
+        raise type(error)(message) from error
+
+
+@contextmanager
+def _staged(paths: Sequence[AnyPath]) -> Iterator[list[Path]]:
+    """As atomic_writes; files of this machine first, then the objects in their order."""
+    with TemporaryDirectory(prefix="steered-marigold-") as folder:
+        files = [
+            Path(folder, f"{index}{path.suffix}") if isinstance(path, RemotePath) else Path(path)
+            for index, path in enumerate(paths)
+        ]
+        with named_as(dict(zip(files, paths, strict=True))), atomic_writes(files) as temporaries:
+            yield temporaries
+        for file, path in zip(files, paths, strict=True):
+            if isinstance(path, RemotePath):
+                path.write_bytes(file.read_bytes())
 
 
 def stale_temporaries(folder: AnyPath, *, older_than_s: int | float = _HOUR_S) -> list[Path]:

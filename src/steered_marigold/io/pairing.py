@@ -60,7 +60,9 @@ def pair_files(
     """
     if not 0 <= slop < float("inf"):
         raise InputError(f"`slop` is a time in seconds, at least 0, not {slop}")
-    image_paths, depth_paths = _told_apart([Path(p) for p in images], [Path(p) for p in depths])
+    image_paths, depth_paths = _told_apart(
+        *([p if isinstance(p, Path) else Path(p) for p in side] for side in (images, depths))
+    )
     if associations is not None:
         pairs = _by_associations(image_paths, depth_paths, Path(associations), slop)
         return _pairing(pairs, image_paths, depth_paths, "the association file")
