@@ -15,6 +15,7 @@ EXTRAS = {
     "eval": "h5py",
     "heif": "pillow_heif",
     "ray": "ray",
+    "remote": "pyarrow",
     "rerun": "rerun",
     "ros": "rosbags",
 }
