@@ -1,11 +1,9 @@
 """One of many frames: what is to do, done, and what became of it."""
 
 import errno
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
 from steered_marigold.core.frame import Frame
@@ -85,20 +83,14 @@ def plan(source: FileSource, folders: Outputs, *, suffix: str, overwrite: bool) 
     suffix: of depth and uncertainty. Raises InputError if an output would overwrite an input, or
     lie among the inputs, where the next run would take it for one.
     """
-    inputs = {path.parent for files in source.files.values() for path in files.given()}
-    resolved = {path.resolve() for path in inputs}
+    inputs = {folder.resolve() for folder in source.files.folders.given()}
     for folder in folders.asked().values():
-        if folder.resolve() in resolved:
+        if folder.resolve() in inputs:
             raise InputError(f"{folder}: holds inputs; results need a folder of their own")
     first, files = next(iter(source.files.items()))
     folders.of_frame(first, suffix).require_distinct(files)
-    # a look into each folder, not one for each of a million files
-    there = {folder: _names_in(folder) for folder in folders.asked().values()}
-    frames = []
-    for frame_id in source.files:
-        outputs = folders.of_frame(frame_id, suffix).asked().values()
-        if overwrite or not all(path.name in there[path.parent] for path in outputs):
-            frames.append(frame_id)
+    done = set[str]() if overwrite else folders.done(suffix)
+    frames = [frame_id for frame_id in source.files if frame_id not in done]
     skipped = len(source.files) - len(frames)
     return Plan(source=source, folders=folders, suffix=suffix, frames=frames, skipped=skipped)
 
@@ -152,15 +144,6 @@ def complete_to_files(
         "depth": None if files.depth is None else str(files.depth),
     }
     return record.extended(paths | written, *notices)
-
-
-def _names_in(folder: Path) -> set[str]:
-    """Of a folder's entries; none if there is no folder."""
-    try:
-        with os.scandir(folder) as entries:
-            return {entry.name for entry in entries}
-    except OSError:
-        return set()
 
 
 def _of_storage(error: BaseException | None) -> bool:

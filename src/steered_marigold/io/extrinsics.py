@@ -38,7 +38,7 @@ def read_extrinsics(source: AnyPath) -> Float[Tensor, "4 4"]:
         )
     matrix = matrix.float()
     if not matrix.isfinite().all():
-        raise FileFormatError(f"{source}: holds a number that is not finite, or a rotation of zeros")
+        raise FileFormatError(f"{source}: a number is not finite, or a rotation is zero")
     return matrix
 
 

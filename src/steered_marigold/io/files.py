@@ -23,6 +23,12 @@ _HOUR_S = 3600.0
 AnyPath = str | os.PathLike[str]
 
 
+def split_name(name: str) -> tuple[str, str]:
+    """Stem and suffix of a file's name, as a Path has them, without making one of each name."""
+    stem, dot, ending = name.rpartition(".")
+    return (stem, dot + ending) if stem else (name, "")
+
+
 def require_suffix(path: AnyPath, suffixes: Sequence[str]) -> str:
     """The lower-case extension of `path`; FileFormatError if it is not one of `suffixes`."""
     suffix = Path(path).suffix.lower()
