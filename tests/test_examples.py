@@ -95,6 +95,17 @@ def test_folder(fast: DepthCompleter, small: Frame, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "dense").iterdir()] == ["a.png"]
 
 
+def test_ray_cluster(small: Frame, tmp_path: Path) -> None:
+    """On an engine of this process; tests/batch/test_cluster.py has Ray's."""
+    _frame_folder(tmp_path, small, 2)
+    given = tmp_path / "rgb", tmp_path / "depth", tmp_path / "dense"
+    assert ray_cluster.main(LocalEngine(), *given) == 0
+    assert sorted(path.name for path in given[2].glob("*.png")) == ["0.png", "1.png"]
+    given[2].joinpath("1.png").unlink()
+    assert ray_cluster.main(LocalEngine(), *given) == 0
+    assert given[2].joinpath("1.png").is_file()
+
+
 @pytest.mark.skipif(find_spec("rosbags") is None, reason="needs the extra ros")
 def test_recording(tmp_path: Path) -> None:
     from examples import recording
