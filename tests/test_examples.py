@@ -22,6 +22,7 @@ from examples import (
     live,
     numpy_arrays,
     own_checkpoint,
+    ray_cluster,
     stream_with_poses,
     tsdf_fusion,
 )
@@ -34,6 +35,7 @@ from steered_marigold import (
     StreamingCompleter,
     make_frame,
 )
+from steered_marigold.batch.engines import LocalEngine
 from steered_marigold.io.depth_maps import read_depth, write_depth
 from steered_marigold.io.images import read_image, write_image
 from steered_marigold.io.point_clouds import read_point_cloud

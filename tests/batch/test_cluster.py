@@ -47,7 +47,7 @@ def cluster() -> Iterator[str]:
 
     begun = Cluster(initialize_head=True, head_node_args={"num_cpus": 3})
     yield begun.address
-    begun.shutdown()
+    begun.shutdown()  # type: ignore[no-untyped-call]
 
 
 def test_two_actors_one_of_them_killed(inputs: FrameFiles, cluster: str, tmp_path: Path) -> None:
