@@ -44,23 +44,6 @@ def dying() -> Callable[[int], int]:
     os._exit(3)
 
 
-class KillsOnce:
-    """Squares, and kills its process at one number, once."""
-
-    def __init__(self, number: int, mark: Path) -> None:
-        self.number, self.mark = number, mark
-
-    def __call__(self) -> Callable[[int], int]:
-        return self.work
-
-    def work(self, number: int) -> int:
-        """The square."""
-        if number == self.number and not self.mark.exists():
-            self.mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return number * number
-
-
 class LoadsOneToBeKilled:
     """Loads a completer that kills its process at one frame, once."""
 
