@@ -22,6 +22,7 @@ from examples import (
     live,
     numpy_arrays,
     own_checkpoint,
+    ray_cluster,
     stream_with_poses,
     tsdf_fusion,
 )
@@ -34,6 +35,7 @@ from steered_marigold import (
     StreamingCompleter,
     make_frame,
 )
+from steered_marigold.batch.engines import LocalEngine
 from steered_marigold.io.depth_maps import read_depth, write_depth
 from steered_marigold.io.images import read_image, write_image
 from steered_marigold.io.point_clouds import read_point_cloud
@@ -93,6 +95,17 @@ def test_folder(fast: DepthCompleter, small: Frame, tmp_path: Path) -> None:
     left_out = folder.main(fast, tmp_path / "images", tmp_path / "depths", tmp_path / "dense")
     assert left_out == ["b"]
     assert [path.name for path in (tmp_path / "dense").iterdir()] == ["a.png"]
+
+
+def test_ray_cluster(small: Frame, tmp_path: Path) -> None:
+    """On an engine of this process; tests/batch/test_cluster.py has Ray's."""
+    _frame_folder(tmp_path, small, 2)
+    given = tmp_path / "rgb", tmp_path / "depth", tmp_path / "dense"
+    assert ray_cluster.main(LocalEngine(), *given) == 0
+    assert sorted(path.name for path in given[2].glob("*.png")) == ["0.png", "1.png"]
+    given[2].joinpath("1.png").unlink()
+    assert ray_cluster.main(LocalEngine(), *given) == 0
+    assert given[2].joinpath("1.png").is_file()
 
 
 @pytest.mark.skipif(find_spec("rosbags") is None, reason="needs the extra ros")

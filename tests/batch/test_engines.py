@@ -1,13 +1,12 @@
 """Every engine gives every result, whatever dies on the way."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from steered_marigold.batch.engines import LocalEngine
 from steered_marigold.errors import CheckpointError, SteeredMarigoldError
-from tests.batch.workers import KillsOnce, dying, failing, lost, squaring
+from tests.batch.workers import dying, failing, lost, squaring
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -32,14 +31,3 @@ def test_workers_that_cannot_start_say_why() -> None:
         list(engine.work(failing, [1], lost=lost))
     with pytest.raises(SteeredMarigoldError, match=r"before its first frame .*code 3"):
         list(engine.work(dying, [1], lost=lost))
-
-
-@pytest.mark.slow
-def test_a_cluster_loses_nothing_with_a_worker_killed(tmp_path: Path) -> None:
-    pytest.importorskip("ray")
-    from steered_marigold.batch.cluster import RayEngine
-
-    start = KillsOnce(30, tmp_path / "killed")
-    results: list[Any] = list(RayEngine(actors=1).work(start, range(40), lost=lost))
-    assert (tmp_path / "killed").exists()
-    assert sorted(results) == [number * number for number in range(40)]

@@ -5,6 +5,10 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import torch
+
+from steered_marigold.core.completion import DepthCompletion
+from steered_marigold.core.frame import Frame
 from steered_marigold.errors import CheckpointError
 from tests.frames.completers import NearestCompleter
 
@@ -40,18 +44,25 @@ def dying() -> Callable[[int], int]:
     os._exit(3)
 
 
-class KillsOnce:
-    """Squares, and kills its process at one number, once."""
+class LoadsOneToBeKilled:
+    """Loads a completer that kills its process at one frame, once."""
 
-    def __init__(self, number: int, mark: Path) -> None:
-        self.number, self.mark = number, mark
+    def __init__(self, frame_id: str, mark: Path) -> None:
+        self.frame_id, self.mark = frame_id, mark
 
-    def __call__(self) -> Callable[[int], int]:
-        return self.work
+    def __call__(self) -> "KilledCompleter":
+        return KilledCompleter(self.frame_id, self.mark)
 
-    def work(self, number: int) -> int:
-        """The square."""
-        if number == self.number and not self.mark.exists():
+
+class KilledCompleter(NearestCompleter):
+    """See `LoadsOneToBeKilled`."""
+
+    def __init__(self, frame_id: str, mark: Path) -> None:
+        super().__init__()
+        self.frame_id, self.mark = frame_id, mark
+
+    def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
+        if frame.id == self.frame_id and not self.mark.exists():
             self.mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        return number * number
+        return super()._complete(frame, generator)

@@ -124,13 +124,17 @@ def _cameras(folder: Path) -> dict[str, Case]:
         cases[name] = Case(path, partial(_camera, path))
     pose = folder / "pose.txt"
     np.savetxt(pose, np.eye(4))
-    return cases | {"pose": Case(pose, partial(read_extrinsics, pose))}
+    return cases | {"pose": Case(pose, partial(_pose, pose))}
 
 
 def _camera(path: Path) -> None:
     K, _ = read_intrinsics(path).for_image((480, 640))
     assert torch.isfinite(K).all()
     assert K[0, 0] > 0
+
+
+def _pose(path: Path) -> None:
+    assert torch.isfinite(read_extrinsics(path)).all()
 
 
 def _bags(folder: Path) -> dict[str, Case]:

@@ -180,6 +180,22 @@ def test_folders_of_images_alone(frame_folders: Files) -> None:
     assert not source.load("0001").measured
 
 
+def test_images_of_several_kinds_have_ids_of_their_own(frame_folders: Files) -> None:
+    images, _ = frame_folders
+    Image.new("RGB", (32, 24)).save(images / "0000.5.JPG")
+    alone = FrameFiles(image=images)
+    files = folder_source(alone, Reading(no_measurements=True)).files
+    assert list(files) == ["0000.5", "0000", "0001", "0002"]  # in the order of the names
+    assert [files[i].image.name for i in files] == [
+        "0000.5.JPG",
+        *(f"000{i}.png" for i in range(3)),
+    ]
+    assert "0000.6" not in files
+    Image.new("RGB", (32, 24)).save(images / "0001.jpg")
+    with pytest.raises(InputError, match=r"0001\.png: another image is named 0001, too"):
+        folder_source(alone, Reading(no_measurements=True))
+
+
 def test_folders_that_make_no_frames(frame_folders: Files, tmp_path: Path) -> None:
     images, depths = frame_folders
     (tmp_path / "empty").mkdir()
@@ -187,3 +203,5 @@ def test_folders_that_make_no_frames(frame_folders: Files, tmp_path: Path) -> No
         folder_source(FrameFiles(image=images, depth=tmp_path / "empty"), Reading())
     with pytest.raises(InputError, match="must be one too"):
         folder_source(FrameFiles(image=images, depth=depths / "0000.png"), Reading())
+    with pytest.raises(InputError, match="empty: holds no images"):
+        folder_source(FrameFiles(image=tmp_path / "empty"), Reading(no_measurements=True))

@@ -48,3 +48,10 @@ def test_anything_else(tmp_path: Path, text: str) -> None:
     (tmp_path / "E.txt").write_text(text)
     with pytest.raises(FileFormatError, match=r"E\.txt: extrinsics are"):
         read_extrinsics(tmp_path / "E.txt")
+
+
+@pytest.mark.parametrize("text", ["1e39 0 0", "0 0 0 0 0 0 0"])
+def test_numbers_that_are_none(tmp_path: Path, text: str) -> None:
+    (tmp_path / "E.txt").write_text(text)
+    with pytest.raises(FileFormatError, match=r"E\.txt: a number is not finite"):
+        read_extrinsics(tmp_path / "E.txt")

@@ -16,8 +16,14 @@ from steered_marigold.io.files import (
     require_file,
     require_suffix,
     require_writable,
+    split_name,
     stale_temporaries,
 )
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.b.png", "a", ".a", ".a.png", "é .PNG"])
+def test_a_name_is_split_as_a_path_is(name: str) -> None:
+    assert split_name(name) == (Path(name).stem, Path(name).suffix)
 
 
 def test_a_write_appears_only_when_it_is_complete(tmp_path: Path) -> None:

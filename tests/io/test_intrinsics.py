@@ -159,6 +159,14 @@ def test_distortion_is_kept(tmp_path: Path, text: str, coefficients: tuple[float
         ("fx: 460", "no cx or cy"),
         ("1 2 3 4 5", "5 numbers"),
         ("just words", "none of them"),
+        # found by tests/faults
+        (f"460 0 325\n0 46{'1' * 40}.5 241\n0 0 1\n", "not finite, or no float32"),
+        ('{"fx": 400, "cx": NaN, "cy": 2}', "not finite"),
+        ("K: [460, 0, 320, 0, 460, 240, 0, 0, 1]\nD: [.nan, 0, 0, 0]\n", "not finite"),
+        ('{"fx": "abc", "cx": 1, "cy": 2}', "could not convert"),
+        ('{"fx": 400, "cx": 1, "cy": 2, "width": 1e999, "height": 3}', "infinity"),
+        ('{"fx": 400, "cx": 1, "cy": 2, "width": 640, "height": 1e-3}', "no number of pixels"),
+        ('{"fx": 400, "cx": 1, "cy": 2, "k1": [1]}', "damaged"),
     ],
 )
 def test_what_is_wrong_with_a_camera_file_is_said(tmp_path: Path, text: str, problem: str) -> None:

@@ -31,7 +31,7 @@ class RayEngine(Engine):
         none free the actors would wait for ever. threads: of each actor on CPUs.
 
         Raises MissingExtraError without Ray, InputError for more actors than the cluster has room
-        for, or if it cannot be reached.
+        for, or if it cannot be reached; SteeredMarigoldError if Ray's own processes do not start.
         """
         try:
             import ray
@@ -43,6 +43,11 @@ class RayEngine(Engine):
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **how)
         except (ConnectionError, ValueError) as error:
             raise InputError(f"`ray_address` {address} cannot be reached: {error}") from error
+        except Exception as error:  # Ray has no narrower one for its processes
+            raise SteeredMarigoldError(
+                f"Ray did not start ({error}); its processes wait for each other for some 30 s, "
+                "which may be too short on a busy machine"
+            ) from error
         resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         self._gpus = int(resources.get("GPU", 0))
         room = self._gpus or max(1, (int(resources.get("CPU", 1)) - 1) // threads)
@@ -63,20 +68,20 @@ class RayEngine(Engine):
         """See `Engine`; tasks lie in the cluster's memory, and none is lost: blocks are retried."""
         import ray
 
-        logging.getLogger("ray.data").setLevel(logging.ERROR)
-        context = ray.data.DataContext.get_current()
-        context.enable_progress_bars = False
-        context.print_on_execution_start = False
-        blocks: list[Any] = [ray.put(_table(some)) for some in _blocks(tasks)]
         share: dict[str, Any] = {"num_gpus": 1} if self._gpus else {"num_cpus": self.threads}
-        results = ray.data.from_arrow_refs(blocks).map_batches(
-            _Actor,
-            fn_constructor_args=(start, self.threads),
-            batch_size=None,
-            compute=ray.data.ActorPoolStrategy(size=self.workers),
-            **share,
-        )
         try:
+            context = ray.data.DataContext.get_current()
+            context.enable_progress_bars = False
+            context.print_on_execution_start = False
+            logging.getLogger("ray.data").setLevel(logging.ERROR)  # above, Ray lowers it again
+            blocks: list[Any] = [ray.put(_table(some)) for some in _blocks(tasks)]
+            results = ray.data.from_arrow_refs(blocks).map_batches(
+                _Actor,
+                fn_constructor_args=(start, self.threads),
+                batch_size=None,
+                compute=ray.data.ActorPoolStrategy(size=self.workers),
+                **share,
+            )
             for row in results.iter_rows():
                 yield pickle.loads(row["pickled"])
         except ray.exceptions.RayError as error:

@@ -1,10 +1,8 @@
 """One of many frames: what is to do, done, and what became of it."""
 
 import errno
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 
 from steered_marigold.core.frame import Frame
@@ -12,7 +10,6 @@ from steered_marigold.errors import InputError, SteeredMarigoldError
 from steered_marigold.frames.complete import Record, complete_frame, require_max_uncertainty
 from steered_marigold.frames.outputs import Outputs, save
 from steered_marigold.frames.sources import FrameFiles, ListedSource
-from steered_marigold.io.remote import RemotePath
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
 # what stops the writing of one frame and would stop that of all others
@@ -87,19 +84,13 @@ def plan(source: ListedSource, folders: Outputs, *, suffix: str, overwrite: bool
     ids = source.ids
     if not ids:
         raise InputError("no frames were found")
-    inputs = {path.parent for frame_id in ids for path in source.files_of(frame_id).given()}
-    resolved = {path.resolve() for path in inputs}
+    inputs = {folder.resolve() for folder in source.folders}
     for folder in folders.asked().values():
-        if folder.resolve() in resolved:
+        if folder.resolve() in inputs:
             raise InputError(f"{folder}: holds inputs; results need a folder of their own")
     folders.of_frame(ids[0], suffix).require_distinct(source.files_of(ids[0]))
-    # a look into each folder, not one for each of a million files
-    there = {folder: _names_in(folder) for folder in folders.asked().values()}
-    frames = []
-    for frame_id in ids:
-        outputs = folders.of_frame(frame_id, suffix).asked().values()
-        if overwrite or not all(path.name in there[path.parent] for path in outputs):
-            frames.append(frame_id)
+    done = set[str]() if overwrite else folders.done(suffix)
+    frames = [frame_id for frame_id in ids if frame_id not in done]
     skipped = len(ids) - len(frames)
     return Plan(source=source, folders=folders, suffix=suffix, frames=frames, skipped=skipped)
 
@@ -153,17 +144,6 @@ def complete_to_files(
         "depth": None if files.depth is None else str(files.depth),
     }
     return record.extended(paths | written, *notices)
-
-
-def _names_in(folder: Path) -> set[str]:
-    """Of a folder's entries; none if there is no folder."""
-    if isinstance(folder, RemotePath):
-        return {path.name for path in folder.iterdir()}
-    try:
-        with os.scandir(folder) as entries:
-            return {entry.name for entry in entries}
-    except OSError:
-        return set()
 
 
 def _of_storage(error: BaseException | None) -> bool:

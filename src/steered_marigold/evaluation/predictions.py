@@ -32,6 +32,10 @@ class Predictions:
         """Where the answer of a method to a frame is kept."""
         return self.folder / quote(label, safe="@=,") / f"{quote(frame_id, safe='')}.png"
 
+    def folders(self) -> list[Path]:
+        """One for each method that there is."""
+        return [path for path in self.folder.glob("*") if path.is_dir()]
+
     def write(self, label: str, frame_id: str, depth: Float[Tensor, "height width"]) -> None:
         """Keeps depth [m]; the file is whole or absent."""
         path = self.path(label, frame_id)

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from steered_marigold.batch.engines import Engine, LocalEngine
+from steered_marigold.batch.leftovers import at_work
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.errors import CheckpointError, InputError, SteeredMarigoldError
 from steered_marigold.evaluation.predictions import Predictions
@@ -147,7 +148,8 @@ def run_evaluation(
     engine = engine or LocalEngine()
     start = partial(_Work, settings, create, predictions)
     work = (lambda: lambda task: evaluator.evaluate(*task)) if engine.in_process else start
-    with closing(engine.work(work, todo, lost=_lost)) as outcomes:
+    folders = [folder, *(predictions.folders() if predictions else ())]
+    with at_work(log.path, folders), closing(engine.work(work, todo, lost=_lost)) as outcomes:
         for done, result in enumerate(outcomes, start=len(wanted) - len(todo) + 1):
             log.append(result)
             results[result.method, result.frame_id] = result

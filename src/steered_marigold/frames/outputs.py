@@ -1,6 +1,8 @@
 """What is written of a completed frame, and where."""
 
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import and_
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,11 @@ from steered_marigold.io.depth_maps import (
     write_depth,
     write_saturating,
 )
-from steered_marigold.io.files import atomic_writes, require_suffix, write_figure
+from steered_marigold.io.files import atomic_writes, names_in, require_suffix, write_figure
 from steered_marigold.io.point_clouds import point_cloud, write_point_cloud
+
+# of the files of folders; those of depth and uncertainty are asked for
+_SUFFIXES = {"visualization": ".png", "point_cloud": ".ply"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,12 +44,22 @@ class Outputs:
 
     def of_frame(self, frame_id: str, depth_suffix: str) -> "Outputs":
         """The files of a frame in these folders."""
-        suffixes = {"visualization": ".png", "point_cloud": ".ply"}
         files = {
-            name: folder / f"{frame_id}{suffixes.get(name, depth_suffix)}"
+            name: folder / f"{frame_id}{_SUFFIXES.get(name, depth_suffix)}"
             for name, folder in self.asked().items()
         }
         return replace(self, **files)
+
+    def done(self, depth_suffix: str) -> set[str]:
+        """Ids of the frames that have all their files in these folders.
+
+        One look into each folder, not one for each of a million files.
+        """
+        there = (
+            _stems_in(folder, _SUFFIXES.get(name, depth_suffix))
+            for name, folder in self.asked().items()
+        )
+        return reduce(and_, there)
 
     def in_folders(self, frame_id: str, depth_suffix: str) -> "Outputs":
         """With a frame's file in the place of each path that is an existing folder."""
@@ -135,6 +150,15 @@ def _write(
         figure = frame_panels(frame, depth, uncertainty, metric=completion.metric)
         write_figure(outputs.visualization, figure)
     return unrepresentable, points
+
+
+def _stems_in(folder: Path, suffix: str) -> set[str]:
+    """Of a folder's files with this suffix; none if there is no folder."""
+    try:
+        names = names_in(folder)
+        return {name.removesuffix(suffix) for name in names if name.endswith(suffix)}
+    except OSError:
+        return set()
 
 
 def _does_not_fit(path: Path, count: int, scale: float) -> str:

@@ -89,6 +89,11 @@ class ShardSource(ListedSource):
         """In the order of the shards, and in them."""
         return list(self.frames)
 
+    @property
+    def folders(self) -> list[Path]:
+        """See `ListedSource`."""
+        return sorted({frame.shard.parent for frame in self.frames.values()})
+
     def files_of(self, frame_id: str) -> FrameFiles:
         """See `ListedSource`."""
         return self.frames[frame_id].files()

@@ -1,7 +1,7 @@
 """Where frames come from: one frame's files, or folders of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,7 @@ from steered_marigold.errors import (
 from steered_marigold.io.confidence_maps import CONFIDENCE_SUFFIXES, read_confidence
 from steered_marigold.io.depth_files import is_depth_name, require_other_file
 from steered_marigold.io.depth_maps import DepthMap, read_depth
-from steered_marigold.io.files import named_as
+from steered_marigold.io.files import named_as, names_in, split_name
 from steered_marigold.io.images import IMAGE_SUFFIXES, read_image
 from steered_marigold.io.intrinsics import Intrinsics
 from steered_marigold.io.pairing import pair_files
@@ -100,6 +100,54 @@ class FrameSource(Protocol):
         ...
 
 
+class FolderFiles(Mapping[str, FrameFiles]):
+    """The files of folders' frames by id, the stem of the image.
+
+    It holds names alone: paths of a million frames would take gigabytes.
+    """
+
+    def __init__(
+        self,
+        folders: FrameFiles,
+        depths: Mapping[str, str | None],
+        confidences: Mapping[str, str] | None = None,
+    ) -> None:
+        """depths: names by those of the images. confidences: names by those of the depth maps.
+
+        Raises InputError if two images have one stem: both results would have the same name.
+        """
+        self.folders, self._depths, self._confidences = folders, depths, confidences or {}
+        self._endings = {split_name(image)[1] for image in depths}
+        if len(self._endings) > 1:
+            seen = set[str]()
+            for image in depths:
+                if (stem := split_name(image)[0]) in seen:
+                    raise InputError(
+                        f"{folders.image / image}: another image is named {stem}, too, so both "
+                        "would have the same result; rename one"
+                    )
+                seen.add(stem)
+
+    def __getitem__(self, frame_id: str) -> FrameFiles:
+        names = (frame_id + ending for ending in self._endings)
+        image = next((name for name in names if name in self._depths), None)
+        if image is None:
+            raise KeyError(frame_id)
+        depth = self._depths[image]
+        confidence = None if depth is None else self._confidences.get(depth)
+        return FrameFiles(
+            image=self.folders.image / image,
+            depth=_inside(self.folders.depth, depth),
+            confidence=_inside(self.folders.confidence, confidence),
+        )
+
+    def __iter__(self) -> Iterator[str]:
+        return (split_name(image)[0] for image in self._depths)
+
+    def __len__(self) -> int:
+        return len(self._depths)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ListedSource(ABC):
     """A FrameSource that one look has found, to be shared out to workers.
@@ -115,6 +163,11 @@ class ListedSource(ABC):
     @abstractmethod
     def ids(self) -> Sequence[str]:
         """See `FrameSource`."""
+
+    @property
+    @abstractmethod
+    def folders(self) -> Sequence[Path]:
+        """Where its files lie."""
 
     @abstractmethod
     def files_of(self, frame_id: str) -> FrameFiles:
@@ -133,12 +186,17 @@ class ListedSource(ABC):
 class FileSource(ListedSource):
     """Frames of files, by id."""
 
-    files: dict[str, FrameFiles]
+    files: FolderFiles
 
     @property
     def ids(self) -> list[str]:
         """Of the frames: the stems of their images."""
         return list(self.files)
+
+    @property
+    def folders(self) -> list[Path]:
+        """See `ListedSource`."""
+        return self.files.folders.given()
 
     def files_of(self, frame_id: str) -> FrameFiles:
         """See `ListedSource`."""
@@ -152,35 +210,38 @@ class FileSource(ListedSource):
 def folder_source(folders: FrameFiles, reading: Reading) -> FileSource:
     """The frames of two folders (three with confidences), paired as `pair_files` does.
 
-    Raises InputError if one is no folder, or if there is no pair.
+    Raises InputError if one is no folder, holds no images or no pair, or two images of one stem.
     """
     for folder in folders.given():
         if not folder.is_dir():
             raise InputError(f"{folder}: {folders.image} is a folder, so this must be one too")
-    images = _files(folders.image, _with_suffix(IMAGE_SUFFIXES))
+    images = _names(folders.image, _with_suffix(IMAGE_SUFFIXES))
+    if not images:
+        raise InputError(f"{folders.image}: holds no images")
     if folders.depth is None:
-        files = {path.stem: FrameFiles(image=path) for path in images}
-        return FileSource(files=files, reading=reading)
+        return FileSource(files=FolderFiles(folders, dict.fromkeys(images)), reading=reading)
     pairing = pair_files(
         images,
-        _files(folders.depth, is_depth_name),
+        _names(folders.depth, is_depth_name),
+        one_folder=folders.image == folders.depth,
         slop=reading.slop,
         associations=reading.associations,
     )
-    files = {image.stem: FrameFiles(image=image, depth=depth) for image, depth in pairing.pairs}
-    lone = pairing.unpaired
+    pairs: Mapping[str, str | None] = pairing.pairs
+    weights: Mapping[str, str] = {}
+    of_images, of_depths = pairing.unpaired
+    lone = sorted(
+        [folders.image / name for name in of_images] + [folders.depth / name for name in of_depths]
+    )
     if folders.confidence is not None:
-        depths = [depth for _, depth in pairing.pairs]
-        weights = pair_files(depths, _files(folders.confidence, _with_suffix(CONFIDENCE_SUFFIXES)))
-        of_depth = dict(weights.pairs)
-        without = [frame for frame in files.values() if frame.depth not in of_depth]
-        lone += tuple(frame.image for frame in without)
-        files = {
-            frame_id: replace(frame, confidence=of_depth[frame.depth])
-            for frame_id, frame in files.items()
-            if frame.depth in of_depth
-        }
-    return FileSource(files=files, reading=reading, lone=lone, rule=pairing.rule)
+        depths = list(pairing.pairs.values())
+        maps = _names(folders.confidence, _with_suffix(CONFIDENCE_SUFFIXES))
+        one_folder = folders.depth == folders.confidence
+        weights = pair_files(depths, maps, one_folder=one_folder).pairs
+        lone += [folders.image / image for image, depth in pairs.items() if depth not in weights]
+        pairs = {image: depth for image, depth in pairs.items() if depth in weights}
+    files = FolderFiles(folders, pairs, weights)
+    return FileSource(files=files, reading=reading, lone=tuple(lone), rule=pairing.rule)
 
 
 def read_frame(files: FrameFiles, reading: Reading, frame_id: str | None = None) -> Frame:
@@ -317,14 +378,17 @@ def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) ->
 
 
 def _with_suffix(suffixes: Sequence[str]) -> Callable[[str], bool]:
-    return lambda name: Path(name).suffix.lower() in suffixes
+    return lambda name: split_name(name)[1].lower() in suffixes
 
 
-def _files(folder: Path, wanted: Callable[[str], bool]) -> list[Path]:
-    """The folder's visible files of these kinds."""
-    return sorted(
-        path for path in folder.iterdir() if wanted(path.name) and not path.name.startswith(".")
-    )
+def _names(folder: Path, wanted: Callable[[str], bool]) -> list[str]:
+    """Of the folder's visible files of these kinds."""
+    names = names_in(folder)
+    return sorted(name for name in names if wanted(name) and not name.startswith("."))
+
+
+def _inside(folder: Path | None, name: str | None) -> Path | None:
+    return None if folder is None or name is None else folder / name
 
 
 def _other_size(files: FrameFiles, image: Tensor, depth: Tensor) -> SizeMismatchError:

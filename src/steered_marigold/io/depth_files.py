@@ -18,6 +18,7 @@ from steered_marigold.io.files import (
     require_file,
     require_pixel_count,
     require_suffix,
+    split_name,
     squeezed,
 )
 from steered_marigold.io.heif import HEIF_SUFFIXES, read_heif_depth
@@ -56,8 +57,8 @@ def split_member(path: AnyPath) -> tuple[Path, str | None]:
 
 def is_depth_name(name: AnyPath) -> bool:
     """Whether a file of this name may hold depth: a known extension, and no metadata."""
-    path = Path(name)
-    return path.suffix.lower() in DEPTH_SUFFIXES and not path.name.lower().endswith(_METADATA)
+    text = str(name).lower()
+    return split_name(text)[1] in DEPTH_SUFFIXES and not text.endswith(_METADATA)
 
 
 def require_other_file(image: AnyPath, depth: AnyPath) -> None:

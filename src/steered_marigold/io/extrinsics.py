@@ -36,7 +36,10 @@ def read_extrinsics(source: AnyPath) -> Float[Tensor, "4 4"]:
         raise FileFormatError(
             f"{source}: extrinsics are a 4x4 or 3x4 matrix, x y z, or x y z qx qy qz qw, in metres"
         )
-    return matrix.float()
+    matrix = matrix.float()
+    if not matrix.isfinite().all():
+        raise FileFormatError(f"{source}: a number is not finite, or a rotation is zero")
+    return matrix
 
 
 def _numbers(text: str) -> list[float]:

@@ -25,6 +25,21 @@ _HOUR_S = 3600.0
 AnyPath = str | os.PathLike[str]
 
 
+def split_name(name: str) -> tuple[str, str]:
+    """Stem and suffix of a file's name, as a Path has them, without making one of each name."""
+    stem, dot, ending = name.rpartition(".")
+    return (stem, dot + ending) if stem else (name, "")
+
+
+def names_in(folder: Path) -> Iterator[str]:
+    """Of a folder's entries, in any order. Raises OSError if there is no folder."""
+    if isinstance(folder, RemotePath):
+        yield from (path.name for path in folder.iterdir())
+        return
+    with os.scandir(folder) as entries:
+        yield from (entry.name for entry in entries)
+
+
 def require_suffix(path: AnyPath, suffixes: Sequence[str]) -> str:
     """The lower-case extension of `path`; FileFormatError if it is not one of `suffixes`."""
     suffix = Path(path).suffix.lower()

@@ -10,7 +10,7 @@ from steered_marigold.core.geometry import resize_intrinsics
 from steered_marigold.core.notices import Notice, Notices
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.io.camera_files import Camera, camera_text, parse_camera
-from steered_marigold.io.files import AnyPath
+from steered_marigold.io.files import AnyPath, decoding
 
 _NORMALISED_BELOW = 2.0
 _SAME_ASPECT = 0.01
@@ -93,23 +93,28 @@ def read_intrinsics(source: AnyPath) -> Intrinsics:
     Raises FileFormatError if it is none of these, or not a pinhole camera.
     """
     text = camera_text(source)
-    try:
-        return _checked(parse_camera(text))
-    except FileFormatError as error:
-        raise FileFormatError(f"{source}: {error}") from error
+    with decoding(source):
+        try:
+            return _checked(parse_camera(text))
+        except FileFormatError as error:
+            raise FileFormatError(f"{source}: {error}") from error
 
 
 def _checked(camera: Camera) -> Intrinsics:
-    fx, _, _, zero, fy, _, *last_row = camera.matrix
-    if fx <= 0 or fy <= 0 or zero != 0 or last_row != [0, 0, 1]:
+    K = torch.tensor(camera.matrix, dtype=torch.float32).reshape(3, 3)
+    if not (K[0, 0] > 0 and K[1, 1] > 0 and K[1, 0] == 0 and K[2].tolist() == [0, 0, 1]):
         raise FileFormatError(
             "K must be [fx, skew, cx; 0, fy, cy; 0, 0, 1] with positive focal lengths"
         )
-    distorted = camera.distortion is not None and any(camera.distortion)
+    coefficients = tuple(camera.distortion or ())
+    if not (torch.isfinite(K).all() and torch.tensor(coefficients).isfinite().all()):
+        raise FileFormatError("holds a number that is not finite, or no float32")
+    if camera.size is not None and min(camera.size) < 1:
+        raise FileFormatError("names a width or height that is no number of pixels")
     return Intrinsics(
-        K=torch.tensor(camera.matrix, dtype=torch.float32).reshape(3, 3),
+        K=K,
         size=camera.size,
-        distortion=tuple(camera.distortion) if distorted and camera.distortion else None,
+        distortion=coefficients if any(coefficients) else None,
         notes=camera.notes,
     )
 

@@ -1,15 +1,14 @@
 """Which image belongs to which depth map, by their names alone."""
 
 import re
-from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from steered_marigold.errors import InputError
-from steered_marigold.io.files import AnyPath, decoding, require_file
+from steered_marigold.io.files import AnyPath, decoding, require_file, split_name
 
 _COLOUR_WORDS = frozenset(
     ("color", "colour", "colors", "rgb", "image", "images", "img", "photo", "infrared", "ir", "col")
@@ -25,91 +24,93 @@ _WHOLE_STAMP = re.compile(r"(?:^|\D)(\d{10,20})(?:\D|$)")
 _STAMP_UNITS = {10: 1.0, 13: 1e-3, 16: 1e-6, 19: 1e-9}
 _SHOWN = 5
 
-Pair = tuple[Path, Path]
+Pairs = dict[str, str]  # image: depth map
 _Key = Callable[[str], Hashable | None]  # of a stem
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pairing:
-    """pairs: (image, depth map), in the order of the images' names. unpaired: files of neither.
+    """pairs: image to depth map, in the order of the images. unpaired: images, depth maps alone.
 
     rule: how they were found, as words that complete "paired by".
     """
 
-    pairs: tuple[Pair, ...]
-    unpaired: tuple[Path, ...]
+    pairs: Pairs
+    unpaired: tuple[list[str], list[str]]
     rule: str
 
 
 def pair_files(
-    images: Sequence[AnyPath],
-    depths: Sequence[AnyPath],
+    images: Sequence[str],
+    depths: Sequence[str],
     *,
+    one_folder: bool = False,
     slop: float = 0.02,
     associations: AnyPath | None = None,
 ) -> Pairing:
-    """Pairs files by the rule that finds most pairs; at a tie by the first of these.
+    """Pairs files, given by their names, by the rule that finds most pairs; at a tie by the first.
 
     Equal stems; names that are equal without words such as color and depth; a common number; time
     stamps at most `slop` seconds apart. With `associations`, by that file alone: lines of "stamp
     image stamp depth" (TUM's associations.txt), or a folder that holds rgb.txt and depth.txt.
-    The two lists may be of one folder: then names with a word such as depth are depth maps.
+    one_folder: both are of the same one; then names with a word such as depth are depth maps.
 
     Raises InputError, with the candidates, where a rule finds several partners for a file and no
     other rule pairs as many; and where there is no pair.
     """
     if not 0 <= slop < float("inf"):
         raise InputError(f"`slop` is a time in seconds, at least 0, not {slop}")
-    image_paths, depth_paths = _told_apart(
-        *([p if isinstance(p, Path) else Path(p) for p in side] for side in (images, depths))
-    )
+    if one_folder:
+        images, depths = _told_apart(images, depths)
     if associations is not None:
-        pairs = _by_associations(image_paths, depth_paths, Path(associations), slop)
-        return _pairing(pairs, image_paths, depth_paths, "the association file")
-    best, best_rule, ambiguous = list[Pair](), "", ""
-    most = min(len(image_paths), len(depth_paths))
-    sides = [[(path.stem, path) for path in paths] for paths in (image_paths, depth_paths)]
+        pairs = _by_associations(images, depths, Path(associations), slop)
+        return _pairing(pairs, images, depths, "the association file")
+    best, best_rule, ambiguous = Pairs(), "", ""
+    most = min(len(images), len(depths))
     for rule, key in _KEYS.items():
-        pairs, doubtful = _by_key(sides, key)
+        pairs, doubtful = _by_key(images, depths, key)
         if doubtful:
             ambiguous = ambiguous or f"{rule}: {doubtful}"
         elif len(pairs) > len(best):
             best, best_rule = pairs, rule
         if len(best) == most:
             break
-    stamped = [] if len(best) == most else _by_stamps(image_paths, depth_paths, slop)
+    stamped = {} if len(best) == most else _by_stamps(images, depths, slop)
     if len(stamped) > len(best):
         best, best_rule = stamped, f"time stamps within {slop:g} s"
     if not best and ambiguous:
         raise InputError(f"files could be paired in several ways, by {ambiguous}; rename or remove")
     if not best:
-        raise InputError(_advice(image_paths, depth_paths))
-    return _pairing(best, image_paths, depth_paths, best_rule)
+        raise InputError(_advice(images, depths))
+    return _pairing(best, images, depths, best_rule)
 
 
-def _pairing(
-    pairs: Iterable[Pair], images: Sequence[Path], depths: Sequence[Path], rule: str
-) -> Pairing:
-    ordered = tuple(sorted(pairs))
-    taken = {path for pair in ordered for path in pair}
-    unpaired = tuple(sorted(path for path in (*images, *depths) if path not in taken))
+def _pairing(pairs: Pairs, images: Sequence[str], depths: Sequence[str], rule: str) -> Pairing:
+    unpaired = _left(images, set(pairs)), _left(depths, set(pairs.values()))
+    ordered = {image: pairs[image] for image in sorted(pairs)}
     return Pairing(pairs=ordered, unpaired=unpaired, rule=rule)
 
 
-def _told_apart(images: list[Path], depths: list[Path]) -> tuple[list[Path], list[Path]]:
+def _left(names: Sequence[str], taken: Set[str]) -> list[str]:
+    return sorted(name for name in names if name not in taken)
+
+
+def _told_apart(images: Sequence[str], depths: Sequence[str]) -> tuple[list[str], list[str]]:
     """Files that are in both lists go to one of them, by a word in their name."""
     common = set(images) & set(depths)
-    if not common:
-        return images, depths
-    of_depth = {path for path in common if _names_depth(path.stem)}
-    pictures = [path for path in images if path not in of_depth]
-    if not of_depth or not pictures:
-        some = ", ".join(path.name for path in sorted(common)[:_SHOWN])
+    of_depth = {name for name in common if _names_depth(_stem(name))}
+    pictures = [name for name in images if name not in of_depth]
+    if common and not (of_depth and pictures):
+        some = ", ".join(sorted(common)[:_SHOWN])
         raise InputError(
             f"the same files are given as images and as depth maps ({some}); give two folders, or "
             "name them as 0001_color and 0001_depth"
         )
-    return pictures, [path for path in depths if path not in common - of_depth]
+    return pictures, [name for name in depths if name not in common - of_depth]
+
+
+def _stem(name: str) -> str:
+    return split_name(name)[0]
 
 
 def _names_depth(stem: str) -> bool:
@@ -119,7 +120,7 @@ def _names_depth(stem: str) -> bool:
 def _without_kind(stem: str) -> Hashable | None:
     """The words and numbers of a name, without those that say what it shows."""
     words = (word.lower() for word in _WORDS.findall(stem))
-    return tuple(word for word in words if word not in _KINDS) or None
+    return " ".join(word for word in words if word not in _KINDS) or None
 
 
 def _number(place: int) -> _Key:
@@ -140,31 +141,41 @@ _KEYS: dict[str, _Key] = {
 }
 
 
-def _by_key(sides: Sequence[list[tuple[str, Path]]], key: _Key) -> tuple[list[Pair], str]:
-    """Pairs of equal key from images and depth maps, each with its stem.
+def _by_key(images: Sequence[str], depths: Sequence[str], key: _Key) -> tuple[Pairs, str]:
+    """Pairs of equal key.
 
     If a key has several files on a side there are none; then the first such files are named.
     """
-    groups: defaultdict[Hashable, tuple[list[Path], list[Path]]] = defaultdict(lambda: ([], []))
-    for side, files in enumerate(sides):
-        for stem, path in files:
-            if (value := key(stem)) is not None:
-                groups[value][side].append(path)
-    both = [(ours, theirs) for ours, theirs in groups.values() if ours and theirs]
-    for ours, theirs in both:
-        if len(ours) > 1 or len(theirs) > 1:
-            return [], (
-                f"{', '.join(path.name for path in sorted(ours)[:_SHOWN])} and "
-                f"{', '.join(path.name for path in sorted(theirs)[:_SHOWN])}"
-            )
-    return [(ours[0], theirs[0]) for ours, theirs in both], ""
+    first: dict[Hashable, str] = {}
+    repeated, doubtful = set[Hashable](), set[Hashable]()
+    for image in images:
+        value = key(_stem(image))
+        if value in first:
+            repeated.add(value)
+        elif value is not None:
+            first[value] = image
+    pairs = Pairs()
+    for depth in depths:
+        value = key(_stem(depth))
+        if value in first:
+            if value in repeated or first[value] in pairs:
+                doubtful.add(value)
+            pairs[first[value]] = depth
+    if not doubtful:
+        return pairs, ""
+    example = next(value for image in images if (value := key(_stem(image))) in doubtful)
+    sides = (
+        sorted(name for name in names if key(_stem(name)) == example)[:_SHOWN]
+        for names in (images, depths)
+    )
+    return {}, " and ".join(", ".join(names) for names in sides)
 
 
-def _by_stamps(images: Sequence[Path], depths: Sequence[Path], slop: float) -> list[Pair]:
+def _by_stamps(images: Sequence[str], depths: Sequence[str], slop: float) -> Pairs:
     """Pairs of names that are times; each file once, the closest first, as TUM's associate.py."""
     ours, our_times = _timed(images)
     theirs, their_times = _timed(depths)
-    return [(ours[i], theirs[j]) for i, j in _closest(our_times, their_times, slop)]
+    return {ours[i]: theirs[j] for i, j in _closest(our_times, their_times, slop)}
 
 
 def _closest(ours: np.ndarray, theirs: np.ndarray, slop: float) -> list[tuple[int, int]]:
@@ -184,10 +195,10 @@ def _closest(ours: np.ndarray, theirs: np.ndarray, slop: float) -> list[tuple[in
     return found
 
 
-def _timed(paths: Sequence[Path]) -> tuple[list[Path], np.ndarray]:
+def _timed(names: Sequence[str]) -> tuple[list[str], np.ndarray]:
     """The files whose names hold a time, and those times [s], rising."""
-    timed = sorted((time, path) for path in paths if (time := _seconds(path.stem)) is not None)
-    return [path for _, path in timed], np.array([time for time, _ in timed], np.float64)
+    timed = sorted((time, name) for name in names if (time := _seconds(_stem(name))) is not None)
+    return [name for _, name in timed], np.array([time for time, _ in timed], np.float64)
 
 
 def _seconds(stem: str) -> float | None:
@@ -199,8 +210,8 @@ def _seconds(stem: str) -> float | None:
 
 
 def _by_associations(
-    images: Sequence[Path], depths: Sequence[Path], file: Path, slop: float
-) -> list[Pair]:
+    images: Sequence[str], depths: Sequence[str], file: Path, slop: float
+) -> Pairs:
     """The pairs that a file names; its paths are looked up by their last part."""
     if file.is_dir():
         colour, depth = (_listed(file / name) for name in ("rgb.txt", "depth.txt"))
@@ -212,14 +223,14 @@ def _by_associations(
         if any(len(row) not in (2, 4) for row in rows):
             raise InputError(f"{file}: each line is `stamp image stamp depth`, or `image depth`")
         named = [(row[-3] if len(row) == 4 else row[0], row[-1]) for row in rows]
-    ours, theirs = ({path.name: path for path in paths} for paths in (images, depths))
-    pairs = []
+    ours, theirs = set(images), set(depths)
+    pairs = Pairs()
     for one, other in named:
         names = Path(one).name, Path(other).name
         if names[0] in theirs and names[0] not in ours:  # depth comes first in some files
             names = names[1], names[0]
         if names[0] in ours and names[1] in theirs:
-            pairs.append((ours[names[0]], theirs[names[1]]))
+            pairs[names[0]] = names[1]
     if not pairs:
         raise InputError(f"{file}: names none of the given files in pairs")
     return pairs
@@ -239,11 +250,11 @@ def _lines(file: Path) -> list[str]:
         return [line for line in lines if line and not line.startswith("#")]
 
 
-def _advice(images: Sequence[Path], depths: Sequence[Path]) -> str:
+def _advice(images: Sequence[str], depths: Sequence[str]) -> str:
     """Why there is no pair, and what would help."""
     if not images or not depths:
         return f"no {'images' if not images else 'depth maps'} were found to pair"
-    example = f"{min(images).name} and {min(depths).name}"
+    example = f"{min(images)} and {min(depths)}"
     (_, ours), (_, theirs) = _timed(images), _timed(depths)
     if len(ours) and len(theirs):
         after = np.searchsorted(theirs, ours)

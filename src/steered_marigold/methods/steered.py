@@ -11,6 +11,7 @@ from steered_marigold.diffusion.checkpoints import load_pipeline
 from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 from steered_marigold.diffusion.settings import KNOBS, get_preset, require_knobs
 from steered_marigold.methods.completer import DepthCompleter
+from steered_marigold.methods.memory import available_memory, require_memory
 
 PLAIN_NAME = "marigold"  # of the pipeline as it is, without a preset
 
@@ -107,7 +108,13 @@ class SteeredCompleter(DepthCompleter):
         return self.run(frame, generator)
 
     def run(self, frame: Frame, generator: torch.Generator, **call: Any) -> DepthCompletion:
-        """The pipeline's answer to a frame; call: more arguments of its call."""
+        """The pipeline's answer to a frame; call: more arguments of its call.
+
+        Raises InputError if it does not fit into this machine's memory.
+        """
+        if self.device.type == "cpu":
+            members = self._call["preset"].sampling.ensemble_size
+            require_memory(frame.size, members, available=available_memory())
         answer: DepthCompletion = self.pipeline(
             frame.image.permute(2, 0, 1).float() / 255,
             frame.sparse_depth if frame.measured else None,
