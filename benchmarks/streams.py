@@ -154,10 +154,15 @@ HOLES: dict[str, Callable[[list[View]], Iterator[Tensor]]] = {
 }
 FindWarp = Callable[[Frame, Frame, Tensor], Warp | None]
 ToWarp: dict[str, FindWarp] = {
-    "poses": lambda earlier, present, motion: find_warp(earlier, present, motion=motion),
-    "estimated": lambda earlier, present, motion: find_warp(earlier, present),
+    "poses": lambda earlier, present, motion: _found_warp(earlier, present, motion),
+    "estimated": lambda earlier, present, motion: _found_warp(earlier, present, None),
     "flow": lambda earlier, present, motion: _flow_warp(earlier, present),
 }
+
+
+def _found_warp(earlier: Frame, present: Frame, motion: Tensor | None) -> Warp | None:
+    found = find_warp(earlier, present, motion=motion)
+    return None if found is None else found.warp
 
 
 def _flow_warp(earlier: Frame, present: Frame) -> Warp:

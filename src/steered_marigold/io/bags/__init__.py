@@ -29,6 +29,7 @@ from steered_marigold.io.bags.copying import (
 )
 from steered_marigold.io.bags.messages import Message
 from steered_marigold.io.bags.pairing import PairCounts
+from steered_marigold.io.bags.poses import CameraPoses
 from steered_marigold.io.bags.reading import BAG_SUFFIXES, Topic, list_topics
 from steered_marigold.io.bags.recording import (
     DecodedFrame,
@@ -41,6 +42,7 @@ from steered_marigold.io.bags.recording import (
 __all__ = [
     "BAG_SUFFIXES",
     "Camera",
+    "CameraPoses",
     "CompletedMessages",
     "CopyRecord",
     "DecodedFrame",
