@@ -4,8 +4,6 @@ It lies in `.run`, in the folder of the depth maps: run.json, and records.jsonl 
 """
 
 import json
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
@@ -13,7 +11,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
-from typing import IO, Any
+from typing import Any
 
 from steered_marigold.batch.job import JobSettings, Outcome, Plan
 from steered_marigold.diffusion.checkpoint_files import checksum
@@ -28,14 +26,11 @@ from steered_marigold.io.files import (
     stale_temporaries,
 )
 from steered_marigold.io.json_lines import JsonLines
-
-if sys.platform != "win32":
-    import fcntl
+from steered_marigold.io.locks import run_lock
 
 FOLDER = ".run"
 Settings = Mapping[str, Mapping[str, Any]]
 _PACKAGES = ("steered-marigold", "torch", "diffusers", "numpy", "scipy", "pillow")
-_LOCK_WAIT_S = 2.0  # the processes of a run that was killed end a moment later
 
 
 def describe_model(model: Mapping[str, Any]) -> dict[str, Any]:
@@ -136,7 +131,7 @@ def open_run(
         create_folder(folder)
     run = folders[-1]
     log = JsonLines(run / "records.jsonl")
-    with _lock(run / "lock") as alone:
+    with run_lock(run / "lock") as alone:
         fresh = not (run / "run.json").is_file()
         for folder in folders:
             for left in stale_temporaries(folder, **({"older_than_s": 0.0} if alone else {})):
@@ -204,33 +199,6 @@ def _remove_created(run: Path, created: list[Path]) -> None:
     for folder in reversed(created):
         with suppress(OSError):  # somebody else has put something there
             folder.rmdir()
-
-
-@contextmanager
-def _lock(path: Path) -> Iterator[bool]:
-    """Marks that a run is going on; whether no other one is, and temporary files are nobody's."""
-    if sys.platform == "win32":
-        yield False
-        return
-    try:
-        file = path.open("a")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
-    with file:
-        until = time.monotonic() + _LOCK_WAIT_S
-        while not (alone := _flock(file, fcntl.LOCK_EX)) and time.monotonic() < until:
-            time.sleep(0.1)
-        _flock(file, fcntl.LOCK_SH)
-        yield alone
-
-
-def _flock(file: IO[str], operation: int) -> bool:
-    """Whether the lock is ours; never on file systems without locks."""
-    try:
-        fcntl.flock(file, operation | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
 
 
 def _plain(value: Any) -> Any:
