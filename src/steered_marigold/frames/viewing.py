@@ -193,6 +193,7 @@ def _layout(rr: Any, rrb: Any, answers: Sequence[str]) -> Any:
     cloud = rrb.Spatial3DView(origin="cloud", name="cloud [m]")
     return rrb.Blueprint(
         rrb.Horizontal(cloud, rrb.Grid(*pictures), column_shares=[3, 4]),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )

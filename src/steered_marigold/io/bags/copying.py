@@ -19,7 +19,8 @@ from steered_marigold.errors import InputError
 from steered_marigold.io.bags.image_messages import encode_depth, image_message
 from steered_marigold.io.bags.messages import IMAGE, encode, typestore
 from steered_marigold.io.bags.reading import Reader, open_reader, raw_messages
-from steered_marigold.io.bags.recording import RecordedFrame, Recording
+from steered_marigold.io.bags.recorded_frame import RecordedFrame
+from steered_marigold.io.bags.recording import Recording
 from steered_marigold.io.bags.topics import base_topic
 from steered_marigold.io.bags.writing import Target, attachments_of, storage_of, write_errors
 from steered_marigold.io.files import AnyPath
