@@ -96,8 +96,8 @@ def test_evaluate_writes_every_answer_beside_the_truth(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     path = tmp_path / "a.rrd"
-    words = ("evaluate", "folder", tmp_path, "-o", tmp_path / "out", "--protocol", "lidar")
-    words = (*words, "--lines", 8, "--methods", "nearest,linear", "--rerun", path)
+    data = ("evaluate", "folder", tmp_path, "-o", tmp_path / "out", "--protocol", "lidar")
+    words = (*data, "--lines", 8, "--methods", "nearest,linear", "--rerun", path)
     assert run(*words, "--no-predictions").exit_code == 2
     result = run(*words)
     assert result.exit_code == 0, result.output
