@@ -10,9 +10,10 @@ only the comparison counts.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import mean
+from statistics import mean, median
+from time import process_time
 from typing import Annotated
 
 import numpy as np
@@ -154,10 +155,15 @@ HOLES: dict[str, Callable[[list[View]], Iterator[Tensor]]] = {
 }
 FindWarp = Callable[[Frame, Frame, Tensor], Warp | None]
 ToWarp: dict[str, FindWarp] = {
-    "poses": lambda earlier, present, motion: find_warp(earlier, present, motion=motion),
-    "estimated": lambda earlier, present, motion: find_warp(earlier, present),
+    "poses": lambda earlier, present, motion: _found_warp(earlier, present, motion),
+    "estimated": lambda earlier, present, motion: _found_warp(earlier, present, None),
     "flow": lambda earlier, present, motion: _flow_warp(earlier, present),
 }
+
+
+def _found_warp(earlier: Frame, present: Frame, motion: Tensor | None) -> Warp | None:
+    found = find_warp(earlier, present, motion=motion)
+    return None if found is None else found.warp
 
 
 def _flow_warp(earlier: Frame, present: Frame) -> Warp:
@@ -172,26 +178,37 @@ def answers(way: str, views: list[View], hidden: list[Tensor]) -> Iterator[Depth
     if way == "frame by frame":
         yield from map(alone.answer, frames)
         return
-    if way == "latents":
-        stream = StreamingCompleter.from_checkpoint(preset="fast", device="cpu")
-        yield from map(stream.answer, frames)
+    if way.startswith("stream"):
+        if way == "stream, poses":
+            frames = [replace(f, pose=v.pose) for f, v in zip(frames, views, strict=True)]
+        yield from map(StreamingCompleter(alone).answer, frames)
         return
-    source, _, settled = way.removeprefix("memory, ").partition(" + ")
     memory = StreamMemory()
     for i, frame in enumerate(frames):
         motion = views[i - 1].motion_to(views[i]) if i else torch.eye(4)
-        warp = ToWarp[source](frames[i - 1], frame, motion) if i else None
-        recalled = memory.recall(frame, warp)
-        answer = alone.answer(recalled.frame)
-        yield memory.settle(recalled.frame, answer, warp) if settled else answer
+        to_warp = ToWarp[way.removeprefix("measurements alone, ")]
+        warp = to_warp(frames[i - 1], frame, motion) if i else None
+        yield alone.answer(memory.recall(frame, warp).frame)
 
 
+# "measurements alone": the last answers are not remembered
 WAYS = (
     "frame by frame",
-    "latents",
-    *(f"memory, {source}" for source in ToWarp),
-    "memory, estimated + answers",
+    "stream",
+    "stream, poses",
+    *(f"measurements alone, {source}" for source in ToWarp),
 )
+
+
+def timed(found: Iterator[DepthCompletion]) -> tuple[list[Tensor], float]:
+    """The depths, and the CPU time of all threads that a frame takes [s], the median."""
+    depths, seconds = [], []
+    started = process_time()
+    for answer in found:
+        seconds.append(process_time() - started)
+        depths.append(answer.depth[0])
+        started = process_time()
+    return depths, median(seconds)
 
 
 def scores(views: list[View], hidden: list[Tensor], depths: list[Tensor]) -> tuple[float, float]:
@@ -236,15 +253,16 @@ def main(
     if (sequence is None) == (room is None):
         raise typer.BadParameter("name either a sequence or a room")
     views = read_views(sequence, first, frames) if sequence else render_views(room or 0, frames)
-    rows: dict[str, dict[str, tuple[float, float]]] = {}
+    rows: dict[str, dict[str, tuple[float, float, float]]] = {}
     for kind in holes.split(","):
         hidden = list(HOLES[kind](views))
         for way in ways.split(";"):
-            depths = [answer.depth[0] for answer in answers(way, views, hidden)]
-            rows.setdefault(kind, {})[way] = scores(views, hidden, depths)
+            depths, seconds = timed(answers(way, views, hidden))
+            rows.setdefault(kind, {})[way] = (*scores(views, hidden, depths), seconds)
         print(f"\n{kind}: {frames} frames, 320x240, from {first if sequence else room} on\n")
-        cells = [(way, f"{e:.4f}", f"{c:.4f}") for way, (e, c) in rows[kind].items()]
-        print(markdown_table(("", "error in holes", "flicker"), cells), flush=True)
+        cells = [(way, f"{e:.4f}", f"{c:.4f}", f"{s:.3f}") for way, (e, c, s) in rows[kind].items()]
+        header = ("", "error in holes", "flicker", "CPU s a frame")
+        print(markdown_table(header, cells), flush=True)
     record = {"machine": machine(), "frames": frames, "first": first, "room": room, "rows": rows}
     write_json(output / "streams.json", record)
 

@@ -1,16 +1,22 @@
 """steered-marigold bag: recordings of every kind in, the same with dense depth out."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from steered_marigold.cli import app
 from steered_marigold.datasets.recording import recorded_frame
 from steered_marigold.io.bags import list_topics, open_recording
 from steered_marigold.io.depth_maps import read_depth
+from steered_marigold.methods.streaming import StreamingCompleter
 from tests.io.bags.building import (
+    SECOND,
+    START,
     Entry,
     bag_path,
     builder_for,
@@ -109,3 +115,54 @@ def test_topics_that_must_be_named_are_listed(tmp_path: Path) -> None:
     assert "--depth-topic" in result.output
     assert "/other/depth/image_raw" in result.output
     assert not (tmp_path / "out.bag").exists()
+
+
+def _moving_camera(kind: str, poses: list[NDArray[np.float64]]) -> list[Entry]:
+    """A slanted wall seen by a camera that odometry follows; holes where they were seen before."""
+    builder = builder_for(kind)
+    entries = smooth_entries(kind, len(poses))
+    for index, pose in enumerate(poses):
+        stamp = START + index * (SECOND // 30) + 4_000_000
+        moved = builder.transforms(("odom", "base_link", pose @ np.linalg.inv(MOUNT)))
+        moved.transforms[0].header = builder.header(stamp, "odom")
+        entries.append(Entry("/tf", stamp + 9_000_000, moved))
+    mount = builder.transforms(("base_link", "camera", MOUNT))
+    return [*entries, Entry("/tf_static", START, mount)]
+
+
+MOUNT = np.array([[0.0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 0.3], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_a_stream_with_poses_from_tf_is_that_of_the_poses(tmp_path: Path, kind: str) -> None:
+    """As when the same poses come with the frames."""
+    poses = []
+    for i in range(4):
+        poses.append(np.eye(4))
+        poses[-1][:3, 3] = 0.02 * i, -0.01 * i, 0.03 * i
+    path = write_bag(bag_path(tmp_path, kind, "in"), kind, _moving_camera(kind, poses))
+    said = run(path, "-o", bag_path(tmp_path, kind, "out"), "--stream")
+    assert "motion: 3 times from /tf (camera in odom), 0 by odometry, 0 by optical flow" in said
+    stream = StreamingCompleter.from_checkpoint(preset="fast", device="cpu")
+    with (
+        open_recording(path) as before,
+        open_recording(
+            bag_path(tmp_path, kind, "out"), depth_topic=f"{DEPTH}/completed"
+        ) as completed,
+    ):
+        for given, answer, pose in zip(before.frames(), completed.frames(), poses, strict=True):
+            frame = replace(recorded_frame(given), pose=torch.from_numpy(pose))
+            depth = stream.answer(frame).depth[0]
+            assert torch.equal(answer.decode().depth, (depth * 1000).round() / 1000)
+    assert stream.motions == {"pose": 3}
+
+
+def test_tf_is_left_aside_if_that_is_asked_for(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "in", "mcap", _moving_camera("mcap", [np.eye(4)] * 2))
+    said = run(path, "-o", tmp_path / "out", "--stream", "--fixed-frame", "none")
+    assert "motion: 0 times from /tf, " in said
+    said = run(path, "-o", tmp_path / "other", "--stream", "--fixed-frame", "moon")
+    assert "/tf never joins camera to --fixed-frame moon" in said
+    result = CliRunner().invoke(app, ["bag", str(path), "-o", "x", "--fixed-frame", "odom"])
+    assert result.exit_code == 2
+    assert "--fixed-frame is of --stream" in result.output

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.warping import warp_by_flow, warp_depth
-from steered_marigold.io.odometry import RgbdOdometry, find_warp, image_flow
+from steered_marigold.io.odometry import LEAST_SIDE_OF_FLOW, RgbdOdometry, find_warp, image_flow
 from tests.conftest import DATA
 
 SEQUENCE = DATA / "sequence"
@@ -67,8 +67,13 @@ def test_flow_moves_depth_to_where_it_is_measured_next() -> None:
 
 
 @needs_opencv_5
-@pytest.mark.parametrize("way", ["motion", "odometry", "no K", "sparse"])
-def test_every_way_to_a_warp_moves_depth_to_where_it_is_measured_next(way: str) -> None:
+@pytest.mark.parametrize(
+    ("way", "source"),
+    [("motion", "pose"), ("odometry", "odometry"), ("no K", "flow"), ("sparse", "flow")],
+)
+def test_every_way_to_a_warp_moves_depth_to_where_it_is_measured_next(
+    way: str, source: str
+) -> None:
     """The motion that is given, odometry, and the flow where there is no K or too little depth."""
     frames = []
     for i in (10, 11):
@@ -84,9 +89,17 @@ def test_every_way_to_a_warp_moves_depth_to_where_it_is_measured_next(way: str) 
     motion = None
     if way == "motion":
         motion = (torch.linalg.inv(_read(11)[2]) @ _read(10)[2]).float()
-    warp = find_warp(*frames, motion=motion)
-    assert warp is not None
+    found = find_warp(*frames, motion=motion)
+    assert found is not None
+    assert found.source == source
     _, depth, _ = _read(10)
-    warped = warp(depth, depth > 0)
+    warped = found.warp(depth, depth > 0)
     assert _relative_error(warped.depth, warped.valid_mask, _read(11)[1]) < 0.01
     assert find_warp(frames[0], frames[1].crop(slice(0, 100), slice(0, 100))) is None
+
+
+def test_images_that_are_too_small_for_flow_have_no_warp() -> None:
+    frame = Frame(image=_read(0)[0], sparse_depth=_read(0)[1], valid_mask=_read(0)[1] > 0)
+    for side, moves in ((LEAST_SIDE_OF_FLOW, True), (LEAST_SIDE_OF_FLOW - 1, False)):
+        small = frame.crop(slice(0, side), slice(0, side))
+        assert (find_warp(small, small) is not None) == moves

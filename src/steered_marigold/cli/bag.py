@@ -8,14 +8,17 @@ import typer
 from typer import Argument
 
 from steered_marigold.cli.engines import Count, counted
-from steered_marigold.cli.messages import say, say_error, warn_of
+from steered_marigold.cli.messages import say, say_error, say_warning, warn_of
 from steered_marigold.cli.options import Dtype, option_panel
 from steered_marigold.cli.progress import progress_bar
+from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
     from steered_marigold.frames.complete import Record
     from steered_marigold.frames.recordings import Tally
+    from steered_marigold.io.bags import CameraPoses
     from steered_marigold.methods.completer import DepthCompleter
+    from steered_marigold.methods.streaming import StreamingCompleter
 
 _topics = option_panel("Which topics and frames")
 _write = option_panel("What to write")
@@ -62,6 +65,13 @@ def bag(
     stream: Annotated[
         bool, _method("--stream", help="Frames know the ones before them: less flicker.")
     ] = False,
+    fixed_frame: Annotated[
+        str | None,
+        _method(
+            help="Of --stream: the frame of /tf that stands still; none: leave /tf aside.",
+            show_default="odom, or the root above the camera",
+        ),
+    ] = None,
     seed: Annotated[int, _method(min=0, help="The same seed gives the same bytes.")] = 0,
     device: Annotated[
         str | None, _method(help="cpu, cuda, mps.", show_default="the best there is")
@@ -81,6 +91,8 @@ def bag(
     from steered_marigold.methods.steered import SteeredCompleter
     from steered_marigold.methods.streaming import StreamingCompleter
 
+    if fixed_frame is not None and not stream:
+        raise InputError("`fixed_frame` is of `stream`")
     model: dict[str, Any] = {
         "checkpoint": checkpoint,
         "preset": preset,
@@ -94,9 +106,15 @@ def bag(
             )
         )
         say(f"image {opened.image_topic}, depth {opened.depth_topic}")
-        frames = opened.frames(slop=slop, every=every, start=start, duration=duration)
+        poses = None
+        if stream and fixed_frame != "none":
+            poses = stack.enter_context(opened.camera_poses(fixed_frame))
+        frames = opened.frames(slop=slop, every=every, start=start, duration=duration, poses=poses)
         method = StreamingCompleter if stream else SteeredCompleter
         completer: DepthCompleter = method.from_checkpoint(**model)
+        if isinstance(completer, StreamingCompleter):
+            # after the recording is through, also where it ends early
+            stack.callback(_tell_motion, completer, poses)
         if rerun is not None:
             completer = ViewedCompleter(completer, stack.enter_context(rerun_log(rerun)))
         how: dict[str, Any] = {"seed": seed, "max_uncertainty": max_uncertainty}
@@ -131,3 +149,19 @@ def bag(
     say(f"unpaired: {lone.unpaired_images} images, {lone.unpaired_depths} depth maps")
     if tally.failed:
         raise typer.Exit(1)
+
+
+def _tell_motion(completer: "StreamingCompleter", poses: "CameraPoses | None") -> None:
+    """How the camera's motion was known, in a line."""
+    times = completer.motions
+    joined = ""
+    if poses is not None and poses.counts.found:
+        joined = f" ({poses.camera_frame} in {poses.fixed_frame})"
+    say(
+        f"motion: {times['pose']} times from /tf{joined}, {times['odometry']} by odometry, "
+        f"{times['flow']} by optical flow"
+    )
+    if poses is not None and poses.fixed_frame is not None and not poses.counts.found:
+        say_warning(f"/tf never joins {poses.camera_frame} to `fixed_frame={poses.fixed_frame}`")
+    if poses is not None and poses.counts.damaged:
+        say_warning(f"{poses.counts.damaged} damaged messages of /tf were passed over")

@@ -2,8 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from steered_marigold.methods.completer import DepthCompleter
 
 Show = Callable[[dict[str, Any]], None]
+Load = Callable[..., "DepthCompleter"]
 
 _write = option_panel("What to write")
 _read = option_panel("How to read the files")
@@ -87,6 +88,9 @@ def complete(
     ] = None,
     point_cloud: Annotated[
         Path | None, _write(**_PATH, help="A coloured .ply in metres; needs --intrinsics.")
+    ] = None,
+    rerun: Annotated[
+        Path | None, _write(help="A .rrd of images, depth and clouds, for Rerun.")
     ] = None,
     max_uncertainty: Annotated[
         float | None,
@@ -296,6 +300,11 @@ def complete(
         has_K=reading.intrinsics is not None, output_scale=output_scale
     )
     show = _print_json if as_json else _print_paths
+    if rerun is not None and (workers != 1 or engine is EngineName.RAY):
+        raise InputError(
+            "`rerun` is written by one process: leave `workers` and `engine` as they are, or make "
+            "it from the results with the command `view`"
+        )
     if many:
         source = shard_source(image, reading) if sharded else folder_source(inputs, reading)
         todo = plan(source, outputs, suffix=suffix, overwrite=overwrite)
@@ -308,13 +317,22 @@ def complete(
         )
         how = describe_model(model) | {"threads": where.threads}
         described = describe_settings(inputs, reading, settings, how, suffix)
-        _complete_folders(todo, settings, model, described, where, show, overwrite=overwrite)
+        with _loading(model, rerun) as load:
+            failed = _complete_folders(
+                todo, settings, load, described, where, show, overwrite=overwrite
+            )
+        if rerun is not None:
+            left_out = f", without {todo.skipped} that had their results" if todo.skipped else ""
+            say(f"{rerun}: the frames of this run{left_out}")
+        if failed:
+            raise typer.Exit(1)
     else:
         outputs = outputs.in_folders(image.stem, suffix)
         outputs.require_distinct(inputs)
         for path in outputs.asked().values():
             require_writable(path)
-        _complete_one(inputs, reading, outputs, settings, model, show)
+        with _loading(model, rerun) as load:
+            _complete_one(inputs, reading, outputs, settings, load, show)
 
 
 def _complete_one(
@@ -322,7 +340,7 @@ def _complete_one(
     reading: "Reading",
     outputs: "Outputs",
     settings: "JobSettings",
-    model: dict[str, Any],
+    load: Load,
     show: "Show",
 ) -> None:
     """One frame; bad input is told before the model is loaded."""
@@ -331,7 +349,7 @@ def _complete_one(
 
     frame = read_frame(inputs, reading)
     started = perf_counter()
-    completer = _load(model, progress=sys.stderr.isatty())
+    completer = load(progress=sys.stderr.isatty())
     load_seconds = round(perf_counter() - started, 4)
     record = complete_to_files(completer, frame, inputs, outputs, settings)
     warn_of(inputs.image, record)
@@ -341,14 +359,14 @@ def _complete_one(
 def _complete_folders(
     todo: "Plan",
     settings: "JobSettings",
-    model: dict[str, Any],
+    load: Load,
     described: "Settings",
     engine: "Engine",
     show: "Show",
     *,
     overwrite: bool,
-) -> None:
-    """Many frames; exit code 1 if one failed."""
+) -> int:
+    """Many frames; how many failed."""
     from steered_marigold.batch.run import complete_all
 
     if todo.source.rule:
@@ -356,7 +374,6 @@ def _complete_folders(
     for path in todo.source.lone:
         say_error(f"{path}: belongs to no pair")
     count, total = Count(skipped=todo.skipped, failed=len(todo.source.lone)), len(todo.frames)
-    load = partial(_load, model)
     outcomes = complete_all(load, todo, settings, described, engine=engine, overwrite=overwrite)
     with counted(count), closing(outcomes), progress_bar("completing", total) as bar:
         for done, outcome in enumerate(outcomes, start=1):
@@ -370,8 +387,7 @@ def _complete_folders(
             bar(done, total, f"completing, {count.failed} failed" if count.failed else "completing")
             if outcome.ends_run:
                 say_error(f"the run ends here, {total - done} frames are left")
-    if count.failed:
-        raise typer.Exit(1)
+    return count.failed
 
 
 def _parse_sensor_noise(text: str) -> Any:
@@ -385,6 +401,18 @@ def _parse_sensor_noise(text: str) -> Any:
     from steered_marigold.core.consistency import SensorNoise
 
     return SensorNoise(fraction=amount / 100) if text.endswith("%") else SensorNoise(metres=amount)
+
+
+@contextmanager
+def _loading(model: dict[str, Any], rerun: Path | None) -> Iterator[Load]:
+    """What loads the completer; its answers go to `rerun`, too."""
+    if rerun is None:
+        yield partial(_load, model)
+        return
+    from steered_marigold.frames.viewing import ViewedCompleter, rerun_log
+
+    with rerun_log(rerun) as viewing:
+        yield lambda **how: ViewedCompleter(_load(model, **how), viewing)
 
 
 def _load(model: dict[str, Any], *, progress: bool = False) -> "DepthCompleter":

@@ -111,6 +111,9 @@ def evaluate(
     predictions: Annotated[
         bool, _run("--predictions/--no-predictions", help="Keep the depth of every answer.")
     ] = True,
+    rerun: Annotated[
+        Path | None, _run(help="A .rrd of all kept answers beside the truth, for Rerun.")
+    ] = None,
 ) -> None:
     """Compare methods on a data set, and write tables and a report.
 
@@ -121,7 +124,13 @@ def evaluate(
     from steered_marigold.evaluation.protocols import Protocol
     from steered_marigold.evaluation.report import write_outputs
     from steered_marigold.evaluation.settings import RunSettings
+    from steered_marigold.evaluation.viewing import view_run
+    from steered_marigold.frames.viewing import require_rerun
 
+    if rerun is not None:
+        if not predictions:
+            raise InputError("`rerun` shows answers that were kept: leave `predictions` on")
+        require_rerun(rerun)
     reading: dict[str, Any] = {
         "split": split,
         "ground_truth": ground_truth,
@@ -164,6 +173,8 @@ def evaluate(
     write_outputs(run, output)
     print((output / "table.md").read_text(encoding="utf-8"))
     print(f"report: {output / 'report.html'}")
+    if rerun is not None:
+        print(f"rerun: {rerun}, {view_run(run, output, rerun)} frames")
     if run.failures:
         say_error(f"{len(run.failures)} images failed; see {output / 'table.md'}")
         raise typer.Exit(1)

@@ -154,11 +154,8 @@ def _disagreement(past: _Known, present: _Known) -> Float[Tensor, "height width"
     both = past.mask & present.mask
     ratio = torch.where(both, past.depth, 1.0) / torch.where(both, present.depth, 1.0)
     squared = ratio.log().clamp(-LARGEST_DISAGREEMENT, LARGEST_DISAGREEMENT) ** 2
-    half = DISAGREEMENT_WINDOW // 2
-    sums = F.avg_pool2d(
-        torch.stack((squared * both, both.float()))[:, None],
-        DISAGREEMENT_WINDOW,
-        stride=1,
-        padding=half,
-    )[:, 0]
-    return sums[0] / sums[1].clamp(min=1e-6)
+    length, half = DISAGREEMENT_WINDOW, DISAGREEMENT_WINDOW // 2
+    sums = torch.stack((squared * both, both.float()))[:, None]
+    for window, padding in (((length, 1), (half, 0)), ((1, length), (0, half))):
+        sums = F.avg_pool2d(sums, window, stride=1, padding=padding)  # down, then along rows
+    return sums[0, 0] / sums[1, 0].clamp(min=1e-6)

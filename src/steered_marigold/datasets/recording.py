@@ -74,6 +74,7 @@ def recorded_frame(recorded: RecordedFrame) -> Frame:
         sparse_depth=depth,
         valid_mask=valid_mask,
         K=decoded.K,
+        pose=recorded.pose,
         id=str(recorded.stamp_ns),
         stamp=recorded.stamp_s,
     ).plausible()

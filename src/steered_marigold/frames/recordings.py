@@ -20,7 +20,7 @@ from steered_marigold.io.bags import (
     completed_messages,
     copy_with,
 )
-from steered_marigold.io.files import create_folder
+from steered_marigold.io.files import create_folder, stale_temporaries
 from steered_marigold.io.images import write_image
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
@@ -93,11 +93,15 @@ def save_recording(
 ) -> Tally:
     """Writes the frames as files instead: image/, depth/ and uncertainty/, named by their stamps.
 
+    Temporary files that a run left there an hour ago or longer are removed.
+
     Raises InputError if the folder cannot be written to.
     """
     tally = Tally()
     for name in ("image", "depth", "uncertainty"):
         create_folder(folder / name)
+        for left in stale_temporaries(folder / name):
+            left.unlink(missing_ok=True)
     answers = _answers(
         completer, frames, tally, on_frame, seed=seed, max_uncertainty=max_uncertainty
     )

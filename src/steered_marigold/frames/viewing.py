@@ -1,23 +1,26 @@
 """Frames and their completions as a Rerun recording (.rrd), to be looked at over time and in 3D."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.errors import MissingExtraError
 from steered_marigold.frames.sources import FrameFiles, Reading, folder_source, read_frame
 from steered_marigold.io.depth_maps import read_depth
-from steered_marigold.io.files import atomic_write, require_suffix
+from steered_marigold.io.files import atomic_write, require_suffix, require_writable
 from steered_marigold.io.point_clouds import point_cloud
 from steered_marigold.methods.completer import DepthCompleter
 
 TIMELINE = "frame"
+COMPLETED = "completed"
 # points that are less sure than this share of their depth are left out of the cloud
 SURE = 0.1
 
@@ -33,12 +36,19 @@ class Viewing:
 
         Depth is in metres. Clouds need the frame's K. A frame with a stamp has it as its time.
         """
+        self.compare(frame, {COMPLETED: completion})
+        if completion.uncertainty is not None:
+            sigma = completion.uncertainty[0].cpu()
+            depth_image = self._rr.DepthImage(sigma.numpy(), meter=1.0, colormap="magma")
+            self._recording.log("uncertainty", depth_image)
+
+    def compare(self, frame: Frame, answers: Mapping[str, DepthCompletion]) -> None:
+        """A frame beside several answers, by name; as `add`, without their uncertainty."""
         rr, log = self._rr, self._recording.log
         self._recording.set_time(TIMELINE, sequence=self._count)
         if frame.stamp is not None:
             self._recording.set_time("stamp", timestamp=frame.stamp)
         self._count += 1
-        depth = completion.depth[0].cpu()
         if frame.K is not None:
             height, width = frame.size
             pinhole = rr.Pinhole(
@@ -50,21 +60,27 @@ class Viewing:
             log("camera", pinhole)
         log("camera/image", rr.Image(frame.image.numpy()))
         log("camera/measured", rr.DepthImage(frame.sparse_depth.numpy(), meter=1.0))
-        log("camera/completed", rr.DepthImage(depth.numpy(), meter=1.0))
-        sure = torch.ones_like(frame.valid_mask)
-        if completion.uncertainty is not None:
-            sigma = completion.uncertainty[0].cpu()
-            log("uncertainty", rr.DepthImage(sigma.numpy(), meter=1.0, colormap="magma"))
-            sure = sigma <= SURE * depth
-        if frame.K is not None and completion.metric:
-            self._add_cloud("cloud/measured", frame, frame.sparse_depth)
-            self._add_cloud("cloud/completed", frame, torch.where(sure, depth, 0.0))
+        if frame.K is not None:
+            self._add_cloud("measured", frame, frame.sparse_depth)
+        for name, answer in answers.items():
+            depth = answer.depth[0].cpu()
+            log(["camera", name], rr.DepthImage(depth.numpy(), meter=1.0))
+            if frame.K is not None and answer.metric:
+                self._add_cloud(name, frame, _sure_depth(answer))
 
-    def _add_cloud(self, where: str, frame: Frame, depth: torch.Tensor) -> None:
+    def _add_cloud(self, name: str, frame: Frame, depth: torch.Tensor) -> None:
         assert frame.K is not None
         cloud = point_cloud(depth, frame.image, frame.K)
         points = self._rr.Points3D(cloud.points.numpy(), colors=cloud.colors.numpy(), radii=0.004)
-        self._recording.log(where, points)
+        self._recording.log(["cloud", name], points)
+
+
+def _sure_depth(completion: DepthCompletion) -> torch.Tensor:
+    """Depth [m], 0 where its uncertainty is too large for the cloud."""
+    depth = completion.depth[0].cpu()
+    if completion.uncertainty is None:
+        return depth
+    return torch.where(completion.uncertainty[0].cpu() <= SURE * depth, depth, 0.0)
 
 
 class ViewedCompleter(DepthCompleter):
@@ -116,44 +132,35 @@ def _written_result(
     files: FrameFiles, dense: Path, uncertainty: Path | None, reading: Reading
 ) -> tuple[Frame, DepthCompletion]:
     frame = read_frame(files, reading)
-    answer = read_depth(dense)
     sigma = None if uncertainty is None else read_depth(uncertainty).depth[None]
+    return frame, written_answer(frame, read_depth(dense).depth, sigma)
+
+
+def written_answer(
+    frame: Frame,
+    depth: Float[Tensor, "height width"],
+    uncertainty: Float[Tensor, "1 height width"] | None = None,
+) -> DepthCompletion:
+    """Depth [m] that was kept, as an answer to the frame."""
     measured = frame.valid_mask[None]
-    completion = DepthCompletion(
-        depth=answer.depth[None], measured=measured, trusted=measured, uncertainty=sigma
+    return DepthCompletion(
+        depth=depth[None], measured=measured, trusted=measured, uncertainty=uncertainty
     )
-    return frame, completion
 
 
 @contextmanager
-def rerun_log(path: Path) -> Iterator[Viewing]:
+def rerun_log(path: Path, answers: Sequence[str] = (COMPLETED,)) -> Iterator[Viewing]:
     """A recording at `path`, .rrd, whole when the block ends, with a layout that opens well.
+
+    answers: the names of what will be compared.
 
     Raises FileFormatError for another extension, InputError if it cannot be written,
     MissingExtraError without rerun-sdk.
     """
-    require_suffix(path, (".rrd",))
-    try:
-        import rerun as rr  # an extra
-        import rerun.blueprint as rrb
-    except ImportError as error:
-        raise MissingExtraError("rerun", "rerun-sdk") from error
-    pictures = [
-        rrb.Spatial2DView(origin=f"camera/{name}", name=name)
-        for name in ("image", "measured", "completed")
-    ]
-    layout = rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(origin="cloud", name="cloud [m], measured and completed"),
-            rrb.Grid(*pictures, rrb.Spatial2DView(origin="uncertainty", name="uncertainty [m]")),
-            column_shares=[3, 4],
-        ),
-        rrb.TimePanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-    )
+    rr, rrb = require_rerun(path)
     with atomic_write(path) as temporary:
         recording = rr.RecordingStream("steered-marigold", send_properties=False)
-        recording.save(temporary, default_blueprint=layout)
+        recording.save(temporary, default_blueprint=_layout(rr, rrb, answers))
         up = rr.ViewCoordinates.RIGHT_HAND_Y_DOWN
         recording.log("cloud", up, static=True)
         try:
@@ -161,3 +168,32 @@ def rerun_log(path: Path) -> Iterator[Viewing]:
         finally:
             recording.flush()
             recording.disconnect()
+
+
+def require_rerun(path: Path) -> tuple[Any, Any]:
+    """The modules `rerun` and `rerun.blueprint`; raises as `rerun_log`, before any work."""
+    require_suffix(path, (".rrd",))
+    require_writable(path)
+    try:
+        import rerun as rr  # an extra
+        import rerun.blueprint as rrb
+    except ImportError as error:
+        raise MissingExtraError("rerun", "rerun-sdk") from error
+    return rr, rrb
+
+
+def _layout(rr: Any, rrb: Any, answers: Sequence[str]) -> Any:
+    """The cloud beside the pictures, and nothing else open."""
+    pictures = [
+        rrb.Spatial2DView(origin=f"camera/{rr.escape_entity_path_part(name)}", name=name)
+        for name in ("image", "measured", *answers)
+    ]
+    if COMPLETED in answers:
+        pictures.append(rrb.Spatial2DView(origin="uncertainty", name="uncertainty [m]"))
+    cloud = rrb.Spatial3DView(origin="cloud", name="cloud [m]")
+    return rrb.Blueprint(
+        rrb.Horizontal(cloud, rrb.Grid(*pictures), column_shares=[3, 4]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )

@@ -1,5 +1,8 @@
 """How a camera moved between two frames, estimated by OpenCV."""
 
+from dataclasses import dataclass
+from typing import Literal
+
 import cv2
 import numpy as np
 import torch
@@ -13,28 +16,46 @@ from steered_marigold.errors import InputError
 
 # share of both frames' pixels that must have depth for odometry to be better than flow
 _LEAST_SHARE = 0.2
+# side [px] of the smallest image that OpenCV's search takes in any case
+LEAST_SIDE_OF_FLOW = 12
+
+
+MotionSource = Literal["pose", "odometry", "flow"]
+
+
+@dataclass(frozen=True)
+class FoundWarp:
+    """A warp, and what told the motion."""
+
+    warp: Warp
+    source: MotionSource
 
 
 def find_warp(
     earlier: Frame, present: Frame, *, motion: Float[Tensor, "4 4"] | None = None
-) -> Warp | None:
-    """How the present frame sees what the earlier one held; None if their sizes differ.
+) -> FoundWarp | None:
+    """How the present frame sees what the earlier one held; None if their sizes differ, or both
+    are too small for flow where nothing else tells the motion.
 
-    motion: points of the earlier camera frame [m] to the present one, where it is known. Else it
+    motion: points of the earlier camera frame [m] to the present one, where poses tell. Else it
     is estimated by odometry, if K is known and both frames have depth in a fifth of their pixels;
     else pixels follow the flow of the image.
     """
     if earlier.size != present.size:
         return None
+    source: MotionSource = "pose"
     if motion is None and present.K is not None and _has_odometry(earlier, present):
+        source = "odometry"
         motion = RgbdOdometry(present.K).motion(
             earlier.image, earlier.sparse_depth, present.image, present.sparse_depth
         )
     if motion is not None and present.K is not None:
         K, known = present.K, motion
-        return lambda depth, mask: warp_depth(depth, mask, K, known)
+        return FoundWarp(lambda depth, mask: warp_depth(depth, mask, K, known), source)
+    if min(present.size) < LEAST_SIDE_OF_FLOW:
+        return None
     flow = image_flow(earlier.image, present.image)
-    return lambda depth, mask: warp_by_flow(depth, mask, flow)
+    return FoundWarp(lambda depth, mask: warp_by_flow(depth, mask, flow), "flow")
 
 
 def _has_odometry(earlier: Frame, present: Frame) -> bool:

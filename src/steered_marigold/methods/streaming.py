@@ -1,5 +1,6 @@
 """The frames of a video, one after another, each knowing what the ones before it measured."""
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.frame import Frame
 from steered_marigold.core.memory import StreamMemory
-from steered_marigold.io.odometry import find_warp
+from steered_marigold.io.odometry import MotionSource, find_warp
 from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.steered import SteeredCompleter
 
@@ -23,6 +24,8 @@ class StreamingCompleter(DepthCompleter):
     `pose`; without, it is estimated by RGB-D odometry if K is known, else pixels follow the optical
     flow. All frames draw from the same random numbers, those of the first one's generator. `reset`
     forgets the past, as a frame of another size does: call it at a cut.
+
+    motions: how often each source told the motion from a frame to the next.
     """
 
     def __init__(
@@ -31,6 +34,7 @@ class StreamingCompleter(DepthCompleter):
         """completer: of single frames, one that weighs confidence. sensor_noise: of the video."""
         self.name, self.steers = f"stream:{completer.name}", completer.steers
         self.completer = completer
+        self.motions: Counter[MotionSource] = Counter()
         self._memory = StreamMemory(sensor_noise)
         self.reset()
 
@@ -67,7 +71,10 @@ class StreamingCompleter(DepthCompleter):
         generator.set_state(self._noise)
         warp = None
         if self._earlier is not None:
-            warp = find_warp(self._earlier, frame, motion=self._earlier.motion_to(frame))
+            found = find_warp(self._earlier, frame, motion=self._earlier.motion_to(frame))
+            if found is not None:
+                warp = found.warp
+                self.motions[found.source] += 1
         recalled = self._memory.recall(frame, warp)
         answer = self.completer.answer(recalled.frame, generator=generator)
         answer = self._memory.settle(recalled.frame, answer, warp)

@@ -29,18 +29,15 @@ from steered_marigold.io.bags.copying import (
 )
 from steered_marigold.io.bags.messages import Message
 from steered_marigold.io.bags.pairing import PairCounts
+from steered_marigold.io.bags.poses import CameraPoses
 from steered_marigold.io.bags.reading import BAG_SUFFIXES, Topic, list_topics
-from steered_marigold.io.bags.recording import (
-    DecodedFrame,
-    FrameStream,
-    RecordedFrame,
-    Recording,
-    open_recording,
-)
+from steered_marigold.io.bags.recorded_frame import DecodedFrame, RecordedFrame
+from steered_marigold.io.bags.recording import FrameStream, Recording, open_recording
 
 __all__ = [
     "BAG_SUFFIXES",
     "Camera",
+    "CameraPoses",
     "CompletedMessages",
     "CopyRecord",
     "DecodedFrame",

@@ -1,6 +1,7 @@
 """Copies of recordings with messages added, byte for byte and in constant memory."""
 
 import heapq
+import re
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
@@ -18,10 +19,15 @@ from steered_marigold.errors import InputError
 from steered_marigold.io.bags.image_messages import encode_depth, image_message
 from steered_marigold.io.bags.messages import IMAGE, encode, typestore
 from steered_marigold.io.bags.reading import Reader, open_reader, raw_messages
-from steered_marigold.io.bags.recording import RecordedFrame, Recording
+from steered_marigold.io.bags.recorded_frame import RecordedFrame
+from steered_marigold.io.bags.recording import Recording
 from steered_marigold.io.bags.topics import base_topic
 from steered_marigold.io.bags.writing import Target, attachments_of, storage_of, write_errors
 from steered_marigold.io.files import AnyPath
+from steered_marigold.io.locks import run_lock
+
+# in the hidden folder of a run: it is going on
+_LOCK = "lock"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,18 +202,31 @@ def _finished_at(out_path: Path) -> Iterator[Path]:
     """A path beside `out_path` to write to; moved there at the block's end, removed if it fails.
 
     It has the name of `out_path` in a hidden folder, because a bag's files are named after it.
+    What a run that was killed left of such folders is removed.
     """
+    _remove_left(out_path)
     hidden = out_path.with_name(f".{out_path.name}.{uuid.uuid4().hex[:8]}")
     temporary = hidden / out_path.name
     try:
         with write_errors(out_path):
             hidden.mkdir()
-        yield temporary
-        if out_path.suffix == ".mcap":  # rosbags wrote a folder with this one file
-            temporary = temporary / f"{out_path.name}.mcap"
-        with write_errors(out_path):
-            if out_path.is_dir():
-                out_path.rename(hidden / "replaced")
-            temporary.replace(out_path)
+        with run_lock(hidden / _LOCK):
+            yield temporary
+            if out_path.suffix == ".mcap":  # rosbags wrote a folder with this one file
+                temporary = temporary / f"{out_path.name}.mcap"
+            with write_errors(out_path):
+                if out_path.is_dir():
+                    out_path.rename(hidden / "replaced")
+                temporary.replace(out_path)
     finally:
         shutil.rmtree(hidden, ignore_errors=True)
+
+
+def _remove_left(out_path: Path) -> None:
+    """Hidden folders of runs towards `out_path` that go on no more."""
+    hidden = re.compile(rf"\.{re.escape(out_path.name)}\.[0-9a-f]{{8}}")
+    for folder in out_path.absolute().parent.iterdir():
+        if hidden.fullmatch(folder.name) and folder.is_dir():
+            with run_lock(folder / _LOCK, wait_s=0.0) as alone:
+                if alone:
+                    shutil.rmtree(folder, ignore_errors=True)

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 from torch import Tensor
 
 from steered_marigold.errors import FileFormatError, InputError
@@ -18,13 +17,13 @@ from steered_marigold.io.bags.cameras import (
     camera_of,
     frame_name,
 )
-from steered_marigold.io.bags.image_messages import decode_depth, decode_image
 from steered_marigold.io.bags.messages import (
     NANOSECONDS,
     Message,
     stamp_ns,
 )
 from steered_marigold.io.bags.pairing import PairCounts, StampPairer
+from steered_marigold.io.bags.poses import CameraPoses
 from steered_marigold.io.bags.reading import (
     Reader,
     Topic,
@@ -34,6 +33,7 @@ from steered_marigold.io.bags.reading import (
     ros_version,
     topics_of,
 )
+from steered_marigold.io.bags.recorded_frame import RecordedFrame
 from steered_marigold.io.bags.topics import (
     base_topic,
     camera_info_of,
@@ -45,62 +45,6 @@ from steered_marigold.io.bags.topics import (
 )
 from steered_marigold.io.bags.transforms import fixed_transform
 from steered_marigold.io.files import AnyPath
-
-
-@dataclass(frozen=True, kw_only=True)
-class DecodedFrame:
-    """What a frame holds as tensors.
-
-    depth: [m], 0 where valid_mask is False. K, depth_K: [px], of an image and a depth map of these
-    sizes; None where the recording does not tell. extrinsics: 4x4, points of the depth camera [m]
-    to points of the image's; None if depth lies in the image's view.
-    """
-
-    image: UInt8[Tensor, "height width 3"]
-    depth: Float[Tensor, "depth_height depth_width"]
-    valid_mask: Bool[Tensor, "depth_height depth_width"]
-    K: Float[Tensor, "3 3"] | None
-    depth_K: Float[Tensor, "3 3"] | None  # noqa: N815
-    extrinsics: Float[Tensor, "4 4"] | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordedFrame:
-    """An image and the depth that was measured with it, not decoded yet.
-
-    index: of the pair in the recording, from 0. stamp_ns: when depth was measured.
-    camera, depth_camera: None where the recording does not tell; extrinsics as in DecodedFrame.
-    depth_scale: metres a step of 16-bit depth, None as `decode_depth` has it.
-    """
-
-    index: int
-    stamp_ns: int
-    image: Message
-    depth: Message
-    camera: Camera | None
-    depth_camera: Camera | None
-    extrinsics: Float[Tensor, "4 4"] | None
-    depth_scale: float | None
-
-    @property
-    def stamp_s(self) -> float:
-        """When depth was measured [s]."""
-        return self.stamp_ns / NANOSECONDS
-
-    def decode(self) -> DecodedFrame:
-        """The tensors; FileFormatError if a message is damaged or of an unknown encoding."""
-        image = decode_image(self.image.decode(), str(self.image))
-        measured = decode_depth(self.depth.decode(), str(self.depth), depth_scale=self.depth_scale)
-        height, width = image.shape[:2]
-        rows, columns = measured.depth.shape
-        return DecodedFrame(
-            image=image,
-            depth=measured.depth,
-            valid_mask=measured.valid_mask,
-            K=self.camera.K_at((height, width)) if self.camera else None,
-            depth_K=self.depth_camera.K_at((rows, columns)) if self.depth_camera else None,
-            extrinsics=self.extrinsics,
-        )
 
 
 class Recording:
@@ -152,7 +96,8 @@ class Recording:
             raise FileFormatError(f"{self.path}: its index lists messages that are not there")
         self.start_ns = _stamp_of(first_depth)
         self._depth_scale = self._realsense_depth_scale()
-        self.extrinsics = self._find_extrinsics(first_image, first_depth)
+        self._camera_frame = _frame_of(first_image)
+        self.extrinsics = self._find_extrinsics(_frame_of(first_depth))
 
     def frames(
         self,
@@ -161,6 +106,7 @@ class Recording:
         every: int = 1,
         start: float = 0.0,
         duration: float | None = None,
+        poses: CameraPoses | None = None,
     ) -> "FrameStream":
         """The paired frames; see FrameStream.
 
@@ -171,7 +117,18 @@ class Recording:
                 raise InputError(f"`{name}` must be a number of seconds from 0 on, not {value}")
         if every < 1:
             raise InputError(f"`every` must be a whole number from 1 on, not {every}")
-        return FrameStream(self, slop=slop, every=every, start=start, duration=duration)
+        return FrameStream(
+            self, slop=slop, every=every, start=start, duration=duration, poses=poses
+        )
+
+    @contextmanager
+    def camera_poses(self, fixed_frame: str | None = None) -> Iterator[CameraPoses]:
+        """The image's camera at the times of frames, for `frames`; reads /tf beside them.
+
+        fixed_frame: what stands still; None: see CameraPoses.
+        """
+        with open_reader(self.path) as reader:
+            yield CameraPoses(reader, self._camera_frame, fixed_frame=fixed_frame)
 
     def _camera(self, message: Message) -> Camera | None:
         """The camera of a camera_info message; its image is rectified if its topic says so."""
@@ -194,17 +151,14 @@ class Recording:
             return float(message.decode().data)
         return None
 
-    def _find_extrinsics(self, image: Message, depth: Message) -> Float[Tensor, "4 4"] | None:
+    def _find_extrinsics(self, depth_frame: str) -> Float[Tensor, "4 4"] | None:
         """Depth camera to image's; None if depth lies in the image's view.
 
         Raises InputError that says what is missing for registering depth.
         """
         camera = self._cameras.get(self.info_topic or "")
         depth_camera = self._cameras.get(self.depth_info_topic or "")
-        frames = [
-            realsense_stream(message.topic) or frame_name(message.decode().header.frame_id)
-            for message in (depth, image)
-        ]
+        frames = depth_frame, self._camera_frame
         if is_registered_name(self.depth_topic) or (
             frames[0] == frames[1] and _same_view(camera, depth_camera)
         ):
@@ -234,14 +188,21 @@ class FrameStream:
 
     slop: stamps of a pair differ by no more [s]; `StampPairer` says which are joined. A message
     without a stamp has its log time as one. every: takes each n-th pair. start, duration: [s] from
-    the first depth on.
+    the first depth on. poses: asked for the pose of each frame; None gives frames without.
     counts: what became of the messages read so far.
     """
 
     def __init__(
-        self, recording: Recording, *, slop: float, every: int, start: float, duration: float | None
+        self,
+        recording: Recording,
+        *,
+        slop: float,
+        every: int,
+        start: float,
+        duration: float | None,
+        poses: CameraPoses | None,
     ) -> None:
-        self._recording, self._every = recording, every
+        self._recording, self._every, self._poses = recording, every, poses
         self._slop_ns = round(slop * NANOSECONDS)
         first_ns = recording.start_ns + round(start * NANOSECONDS)
         self._start_ns = first_ns if start else 0
@@ -259,7 +220,9 @@ class FrameStream:
         pairs = self._pairs()
         for index, ((image, _, _), (depth, stamp, cameras)) in enumerate(pairs):
             if index % self._every == 0:
-                recording = self._recording
+                recording, pose = self._recording, None
+                if self._poses is not None:
+                    pose = self._poses.at(stamp, depth.log_time_ns)
                 yield RecordedFrame(
                     index=index,
                     stamp_ns=stamp,
@@ -268,6 +231,7 @@ class FrameStream:
                     camera=cameras.get(recording.info_topic or ""),
                     depth_camera=cameras.get(recording.depth_info_topic or ""),
                     extrinsics=recording.extrinsics,
+                    pose=None if pose is None else torch.from_numpy(pose),
                     depth_scale=recording._depth_scale,
                 )
 
@@ -319,6 +283,11 @@ def open_recording(
 def _stamp_of(message: Message) -> int:
     """[ns] of the header, or of the log where the header has none."""
     return stamp_ns(message.decode().header) or message.log_time_ns
+
+
+def _frame_of(message: Message) -> str:
+    """The frame that a picture was taken in; librealsense's have the name of their stream."""
+    return realsense_stream(message.topic) or frame_name(message.decode().header.frame_id)
 
 
 def _same_view(camera: Camera | None, depth_camera: Camera | None) -> bool:

@@ -1,5 +1,6 @@
 """Where cameras stand: the transforms of /tf_static and /tf, and those of librealsense."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -8,12 +9,12 @@ from numpy.typing import NDArray
 
 from steered_marigold.core.geometry import rotation_of
 from steered_marigold.io.bags.cameras import frame_name
-from steered_marigold.io.bags.messages import TRANSFORM, TRANSFORMS
+from steered_marigold.io.bags.messages import TRANSFORM, TRANSFORMS, Message
 from steered_marigold.io.bags.reading import Reader, first_message, messages, topics_of
 from steered_marigold.io.bags.topics import realsense_stream
 
 # transforms that differ less than this [m, rad] are one that was sent again
-_STILL = 1e-6
+STILL = 1e-6
 
 
 def fixed_transform(reader: Reader, source: str, target: str) -> NDArray[Any] | None:
@@ -24,17 +25,33 @@ def fixed_transform(reader: Reader, source: str, target: str) -> NDArray[Any] | 
     """
     if source == target and source:
         return np.eye(4)
-    names = [topic.name for topic in topics_of(reader) if topic.type in TRANSFORMS]
-    transforms = StaticTransforms()
-    for message in messages(reader, [name for name in names if name.endswith("tf_static")]):
-        transforms.add_message(message.decode())
-    _add_realsense(reader, transforms)
+    transforms = static_transforms(reader)
     matrix = transforms.lookup(source, target)
     if matrix is None:
-        for message in messages(reader, [name for name in names if name.endswith("tf")]):
+        for message in moving_transforms(reader):
             transforms.add_message(message.decode())
         matrix = transforms.lookup(source, target)
     return matrix
+
+
+def static_transforms(reader: Reader) -> "StaticTransforms":
+    """What /tf_static holds, and a RealSense camera's own."""
+    transforms = StaticTransforms()
+    for message in messages(reader, _topics(reader, "tf_static")):
+        transforms.add_message(message.decode())
+    _add_realsense(reader, transforms)
+    return transforms
+
+
+def moving_transforms(reader: Reader) -> Iterator[Message]:
+    """The messages of /tf."""
+    return messages(reader, _topics(reader, "tf"))
+
+
+def _topics(reader: Reader, name: str) -> list[str]:
+    """Topics of transforms of this name, in whatever namespace."""
+    topics = [topic.name for topic in topics_of(reader) if topic.type in TRANSFORMS]
+    return [topic for topic in topics if topic.endswith(name)]
 
 
 def matrix_of(transform: Any) -> NDArray[Any]:
@@ -59,7 +76,7 @@ class StaticTransforms:
         """Notes that `matrix` takes points of `child` to points of `parent`."""
         parent, child = frame_name(parent), frame_name(child)
         known = self._parents.setdefault(child, (parent, matrix))
-        if known[0] != parent or np.abs(known[1] - matrix).max() > _STILL:
+        if known[0] != parent or np.abs(known[1] - matrix).max() > STILL:
             self._moving.add(child)
 
     def add_message(self, message: Any) -> None:
@@ -70,27 +87,33 @@ class StaticTransforms:
 
     def lookup(self, source: str, target: str) -> NDArray[Any] | None:
         """4x4 from points of `source` to points of `target`; None if no fixed chain joins them."""
-        upwards, downwards = (
-            self._ancestors(frame_name(source)),
-            self._ancestors(frame_name(target)),
-        )
-        for frame, to_frame in upwards.items():
-            if frame in downwards:
-                matrix: NDArray[Any] = np.linalg.inv(downwards[frame]) @ to_frame
-                return matrix
-        return None
+        return joined(self._ancestors(frame_name(source)), self._ancestors(frame_name(target)))
+
+    def above(self, frame: str) -> tuple[str, NDArray[Any]] | None:
+        """The parent of a frame that is fixed to it, and the matrix that takes its points there."""
+        return None if frame in self._moving else self._parents.get(frame)
 
     def _ancestors(self, frame: str) -> dict[str, NDArray[Any]]:
         """The frame and all above it, each with the matrix that takes its points there."""
         matrix = np.eye(4)
         found = {frame: matrix}
-        while frame in self._parents and frame not in self._moving:
-            frame, step = self._parents[frame]
-            if frame in found:
-                break
-            matrix = step @ matrix
+        while (step := self.above(frame)) is not None and step[0] not in found:
+            frame, matrix = step[0], step[1] @ matrix
             found[frame] = matrix
         return found
+
+
+def joined(
+    upwards: dict[str, NDArray[Any]], downwards: dict[str, NDArray[Any]]
+) -> NDArray[Any] | None:
+    """4x4 from points of one frame to those of another, given what is above each; None if nothing
+    is above both.
+    """
+    for frame, to_frame in upwards.items():
+        if frame in downwards:
+            matrix: NDArray[Any] = np.linalg.inv(downwards[frame]) @ to_frame
+            return matrix
+    return None
 
 
 def _add_realsense(reader: Reader, transforms: StaticTransforms) -> None:
