@@ -11,7 +11,7 @@ import pytest
 import torch
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
 from safetensors.torch import load_file, save_file
-from torch import Tensor, nn
+from torch import Tensor
 
 from steered_marigold.diffusion.checkpoints import (
     EMBEDDED,
@@ -35,7 +35,7 @@ def rand(*shape: int, seed: int = 0) -> Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
 
 
-def in_its_weights(light: nn.Module, theirs: nn.Module, dtype: torch.dtype) -> None:
+def in_its_weights(light: Any, theirs: Any, dtype: torch.dtype) -> None:
     """Gives a light network the weights of one of diffusers', of which it needs a part."""
     told = light.load_state_dict(theirs.state_dict(), strict=False)
     assert not told.missing_keys

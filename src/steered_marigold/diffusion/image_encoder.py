@@ -1,5 +1,7 @@
 """A small convolutional image encoder: stands in for the VAE on the image side of the U-Net."""
 
+from typing import Any
+
 import torch
 from diffusers.configuration_utils import ConfigMixin, register_to_config
 from diffusers.models.modeling_utils import ModelMixin
@@ -10,6 +12,8 @@ from steered_marigold.diffusion.image_network import ImageNetwork, InvertedBottl
 
 class ImageEncoder(ImageNetwork, ModelMixin, ConfigMixin):  # type: ignore[misc]
     """`ImageNetwork` as a component of a diffusers pipeline; the arguments are its own."""
+
+    config: Any
 
     @register_to_config  # type: ignore[untyped-decorator]
     def __init__(

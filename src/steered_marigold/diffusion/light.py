@@ -81,17 +81,17 @@ class LightMarigold(SteeredMarigold):
 
         return getattr(diffusers, name or own).from_config(self._scheduler_config, **changes)
 
-    def set_progress_bar_config(self, **config: Any) -> None:  # type: ignore[override]
+    def set_progress_bar_config(self, **config: Any) -> None:
         """Arguments of tqdm, as those of diffusers' pipelines are."""
         self._progress = config
 
-    def progress_bar(self, total: int) -> Any:  # type: ignore[override]
+    def progress_bar(self, total: int) -> Any:
         """A bar of so many steps."""
-        from tqdm.auto import tqdm
+        from tqdm.auto import tqdm  # type: ignore[import-untyped]
 
         return tqdm(total=total, **self._progress)
 
-    def maybe_free_model_hooks(self) -> None:  # type: ignore[override]
+    def maybe_free_model_hooks(self) -> None:
         """Nothing is offloaded."""
 
 

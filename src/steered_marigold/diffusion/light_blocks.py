@@ -5,6 +5,7 @@ the embedded checkpoint needs them.
 """
 
 from collections.abc import Sequence
+from typing import cast
 
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -63,8 +64,7 @@ class NullAttention(nn.Module):
         self.to_out = nn.ModuleList([nn.Linear(channels, channels)])
 
     def forward(self) -> Tensor:
-        bias: Tensor = self.to_out[0].bias
-        return bias
+        return cast(nn.Linear, self.to_out[0]).bias
 
 
 class GatedLinear(nn.Module):

@@ -31,7 +31,8 @@ class LightUNet(nn.Module):
             {"linear_1": nn.Linear(widths[0], time), "linear_2": nn.Linear(time, time)}
         )
         self.conv_in = nn.Conv2d(config["in_channels"], widths[0], 3, padding=1)
-        stages, skips, channels = [], [widths[0]], widths[0]
+        stages: list[Stage] = []
+        skips, channels = [widths[0]], widths[0]
         for kind, width in zip(config["down_block_types"], widths, strict=True):
             last = len(stages) == len(widths) - 1
             resnets = [residual(width if i else channels, width) for i in range(layers)]

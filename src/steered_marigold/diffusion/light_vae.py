@@ -23,7 +23,8 @@ class LightEncoder(nn.Module):
         widths, groups = config["block_out_channels"], config["norm_num_groups"]
         residual = partial(ResidualBlock, groups=groups, eps=EPS)
         self.conv_in = nn.Conv2d(3, widths[0], 3, padding=1)
-        stages, channels = [], widths[0]
+        stages: list[Stage] = []
+        channels = widths[0]
         for width in widths:
             last = len(stages) == len(widths) - 1
             resnets = [
