@@ -62,7 +62,9 @@ def main(
     print(describe(record))
     with earlier_tree(commit) as before:
         trees = {commit: before, "now": ROOT}
-        timings = {"complete, cold": cold(trees, repeats, threads)}
+        timings = {
+            f"complete, cold, {preset}": cold(trees, preset, repeats, threads) for preset in PRESETS
+        }
         for preset in PRESETS:
             for points in POINTS:
                 timings[f"{preset}, {points} measured"] = loaded(
@@ -86,14 +88,15 @@ def earlier_tree(commit: str) -> Iterator[Path]:
             subprocess.run([*git, "remove", "--force", str(tree)], check=True)
 
 
-def cold(trees: dict[str, Path], repeats: int, threads: int) -> dict[str, Timing]:
+def cold(trees: dict[str, Path], preset: str, repeats: int, threads: int) -> dict[str, Timing]:
     """`complete` on the sample frame; once more, unmeasured, for the file cache."""
     runs: dict[str, list[tuple[float, float]]] = {name: [] for name in trees}
     with TemporaryDirectory() as folder:
-        words = [SAMPLE / "image.jpg", SAMPLE / "depth.png", "-o", Path(folder) / "o.png"]
+        files = [SAMPLE / "image.jpg", SAMPLE / "depth.png", "-o", Path(folder) / "o.png"]
+        words = [*map(str, files), "--preset", preset]
         for _ in range(repeats + 1):
             for name, tree in trees.items():
-                command = [sys.executable, "-c", COMMAND, "complete", *map(str, words)]
+                command = [sys.executable, "-c", COMMAND, "complete", *words]
                 runs[name].append(_waited(command, _environment(tree, threads)))
     return {
         name: Timing(tuple(seconds for seconds, _ in found[1:]), median(m for _, m in found[1:]))

@@ -285,7 +285,7 @@ def train(
     if not has_run(run):
         load_part(unet, start, "unet")
     for part in (encoder, codec, unet):
-        part.to(memory_format=torch.channels_last)
+        part.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     generator = torch.Generator().manual_seed(0)
     scheduler = DDIMScheduler(**SCHEDULER)
     stage = Stage(encoder, codec, unet, scheduler, scales["depth"], generator)

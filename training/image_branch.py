@@ -8,11 +8,8 @@ from statistics import fmean
 import torch
 from torch import Tensor, nn
 
-from steered_marigold.diffusion.image_encoder import (
-    ImageEncoder,
-    InvertedBottleneck,
-    load_pretrained_backbone,
-)
+from steered_marigold.diffusion.image_encoder import ImageEncoder, load_pretrained_backbone
+from steered_marigold.diffusion.image_network import InvertedBottleneck
 from training.data import image_to_model
 from training.held_out import Truth
 from training.losses import affine_errors, regression_loss

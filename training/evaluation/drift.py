@@ -11,7 +11,7 @@ from torch import Tensor
 from steered_marigold.core.alignment import fit_scale_shift
 from steered_marigold.core.steering import normalise_condition
 from steered_marigold.diffusion.grid import Measured
-from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.marigold import SteeredMarigold
 from steered_marigold.diffusion.settings import PAPER
 from steered_marigold.evaluation.protocols import PreparedFrame, frame_generator
 from steered_marigold.evaluation.steering_figure import record_steering
@@ -68,7 +68,7 @@ def draw_drift(subject: Subject, methods: Mapping[str, str]) -> tuple[list[Row],
 
 
 def _course(
-    pipeline: SteeredMarigoldPipeline,
+    pipeline: SteeredMarigold,
     frame: PreparedFrame,
     alignment: str,
     steps: list[SteeringStep],
@@ -86,12 +86,11 @@ def _course(
     )
 
 
-def _measured_on_grid(
-    pipeline: SteeredMarigoldPipeline, frame: PreparedFrame
-) -> tuple[Tensor, Tensor]:
+def _measured_on_grid(pipeline: SteeredMarigold, frame: PreparedFrame) -> tuple[Tensor, Tensor]:
     """Measurements [m] and their mask, [1, h, w], where preset `paper` steers."""
     shown = frame.shown
-    views = pipeline.view(shown.image.permute(2, 0, 1).float() / 255, PAPER.sampling)
+    images = pipeline.load_images(shown.image.permute(2, 0, 1).float() / 255)
+    views = pipeline.view(images, PAPER.sampling)
     on_grid = views.on_grid(Measured(shown.sparse_depth[None], shown.valid_mask[None]))
     return on_grid.sparse_depth, on_grid.valid_mask
 

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
-from steered_marigold.diffusion.checkpoints import default_device, load_pipeline, parse_dtype
-from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.checkpoints import default_device, load_marigold, parse_dtype
+from steered_marigold.diffusion.marigold import SteeredMarigold
 from steered_marigold.diffusion.settings import get_preset
 from steered_marigold.errors import SteeredMarigoldError
 from steered_marigold.methods.completer import DepthCompleter
@@ -90,7 +90,7 @@ class Models:
     def __init__(self, checkpoints: Mapping[str, str], *, device: str | None = None) -> None:
         self.checkpoints = dict(checkpoints)
         self._device = default_device() if device is None else torch.device(device)
-        self._pipelines: dict[tuple[str, torch.dtype], SteeredMarigoldPipeline] = {}
+        self._pipelines: dict[tuple[str, torch.dtype], SteeredMarigold] = {}
         self._lock = Lock()
 
     def completer(self, name: str, *, preset: str, **knobs: Any) -> SteeredCompleter:
@@ -99,7 +99,7 @@ class Models:
         dtype = parse_dtype(get_preset(preset).dtype, self._device)
         with self._lock:
             if (checkpoint, dtype) not in self._pipelines:
-                self._pipelines[checkpoint, dtype] = load_pipeline(
+                self._pipelines[checkpoint, dtype] = load_marigold(
                     checkpoint, device=self._device, dtype=dtype
                 )
             pipeline = self._pipelines[checkpoint, dtype]

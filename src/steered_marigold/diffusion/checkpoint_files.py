@@ -2,44 +2,32 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from diffusers import (
-    AutoencoderKL,
-    AutoencoderTiny,
-    DDIMParallelScheduler,
-    DDIMScheduler,
-    DDPMParallelScheduler,
-    DDPMScheduler,
-    LCMScheduler,
-    UNet2DConditionModel,
-)
-from transformers import CLIPTextModel, CLIPTokenizer
-
-from steered_marigold.diffusion.image_encoder import ImageEncoder
 from steered_marigold.errors import CheckpointError
 
 REQUIRED = ("unet", "vae", "text_encoder", "scheduler", "tokenizer")
 OPTIONAL = ("image_encoder", "steering_vae")
 MODELS = ("unet", "vae", "text_encoder", "image_encoder", "steering_vae")
 _SCHEDULERS = (
-    DDIMScheduler,
-    DDPMScheduler,
-    LCMScheduler,
-    DDIMParallelScheduler,
-    DDPMParallelScheduler,
+    "DDIMScheduler",
+    "DDPMScheduler",
+    "LCMScheduler",
+    "DDIMParallelScheduler",
+    "DDPMParallelScheduler",
 )
-# what each component may be; transformers' tokenizers had a fast twin of the same files
-CLASSES: Mapping[str, Mapping[str, type[Any]]] = {
-    "unet": {"UNet2DConditionModel": UNet2DConditionModel},
-    "vae": {"AutoencoderKL": AutoencoderKL},
-    "text_encoder": {"CLIPTextModel": CLIPTextModel},
-    "tokenizer": {"CLIPTokenizer": CLIPTokenizer, "CLIPTokenizerFast": CLIPTokenizer},
-    "scheduler": {kind.__name__: kind for kind in _SCHEDULERS},
-    "image_encoder": {"ImageEncoder": ImageEncoder},
-    "steering_vae": {"AutoencoderTiny": AutoencoderTiny},
+# the classes that each component may be, and their modules, of which none is imported here;
+# transformers' tokenizers had a fast twin of the same files
+CLASSES: Mapping[str, Mapping[str, str]] = {
+    "unet": {"UNet2DConditionModel": "diffusers"},
+    "vae": {"AutoencoderKL": "diffusers"},
+    "text_encoder": {"CLIPTextModel": "transformers"},
+    "tokenizer": {"CLIPTokenizer": "transformers", "CLIPTokenizerFast": "transformers"},
+    "scheduler": dict.fromkeys(_SCHEDULERS, "diffusers"),
+    "image_encoder": {"ImageEncoder": "steered_marigold.diffusion.image_encoder"},
+    "steering_vae": {"AutoencoderTiny": "diffusers"},
 }
 # the pipeline's own settings, with their types
 _SETTINGS: Mapping[str, tuple[type, ...]] = {
@@ -57,16 +45,17 @@ _LARGEST_NUMBER = 1_000_000
 _MOST_LAYERS = 1000
 
 
-def read_index(folder: Path, checkpoint: str) -> tuple[dict[str, type[Any]], dict[str, Any]]:
-    """The class of each component, and the pipeline's settings, of a folder that has all files.
+def read_index(folder: Path, checkpoint: str) -> tuple[dict[str, str], dict[str, Any]]:
+    """Each component's class, and the pipeline's settings, of a folder that has all files.
 
-    checkpoint: its name in messages. Raises CheckpointError for what is missing, no JSON, pickled,
-    of a class that is not listed in CLASSES, or no depth checkpoint.
+    A class is its module and name, such as "diffusers.UNet2DConditionModel". checkpoint: its name
+    in messages. Raises CheckpointError for what is missing, no JSON, pickled, of a class that is
+    not listed in CLASSES, or no depth checkpoint.
     """
     index_file = folder / "model_index.json"
     if not index_file.is_file():
         raise CheckpointError(f"checkpoint {checkpoint} has no model_index.json in {folder}")
-    index = _read_json(index_file)
+    index = read_json(index_file)
     components = {
         name: _class_of(name, index.get(name), index_file)
         for name in (*REQUIRED, *OPTIONAL)
@@ -91,6 +80,15 @@ def read_index(folder: Path, checkpoint: str) -> tuple[dict[str, type[Any]], dic
     return components, settings
 
 
+def require_complete(folder: Path, lacking: Sequence[str]) -> None:
+    """CheckpointError if weights of a component lack, which would be random numbers."""
+    if lacking:
+        raise CheckpointError(
+            f"{len(lacking)} weights of {folder.name!r} are missing or of another shape, such as "
+            f"{min(lacking)}"
+        )
+
+
 def checksum(folder: Path) -> str:
     """SHA-256 of a checkpoint's files and their names, as hexadecimal digits."""
     total = hashlib.sha256()
@@ -109,21 +107,17 @@ def _is_given(value: Any) -> bool:
     return bool(value) and value != [None, None]
 
 
-def _class_of(name: str, value: Any, index_file: Path) -> type[Any]:
-    """The listed class that the index names for a component."""
+def _class_of(name: str, value: Any, index_file: Path) -> str:
+    """Module and name of the listed class that the index names for a component."""
     kinds = CLASSES[name]
-    kind = value[1] if isinstance(value, list) and len(value) == 2 else None
-    if not isinstance(kind, str) or kind not in kinds or not _is_home(value[0], kinds[kind]):
+    library, kind = value if isinstance(value, list) and len(value) == 2 else (None, None)
+    home = kinds.get(kind) if isinstance(kind, str) else None
+    if home is None or library not in (home, home.partition(".")[0]):
         raise CheckpointError(
             f"{index_file}: {name!r} is {json.dumps(value)}; it can be {' or '.join(kinds)}, and "
             "no other class is loaded"
         )
-    return kinds[kind]
-
-
-def _is_home(library: Any, kind: type[Any]) -> bool:
-    """Whether a library in an index is where a listed class comes from."""
-    return library in (kind.__module__.partition(".")[0], kind.__module__)
+    return f"{home}.{str(kind).removesuffix('Fast')}"
 
 
 def _check_component(folder: Path, name: str, checkpoint: str) -> None:
@@ -131,7 +125,7 @@ def _check_component(folder: Path, name: str, checkpoint: str) -> None:
     if not folder.is_dir():
         raise CheckpointError(f"checkpoint {checkpoint} has no component {name!r}")
     for path in sorted(folder.glob("*config.json")):
-        config = _read_json(path)
+        config = read_json(path)
         for refused in _REFUSED_SETTINGS:
             if config.get(refused):
                 raise CheckpointError(f"{path}: {refused} is never followed; remove it")
@@ -158,7 +152,8 @@ def _check_numbers(value: Any, path: Path, name: str = "") -> None:
             raise CheckpointError(f"{path}: {name} cannot be {value}")
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a file; CheckpointError if there is none."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

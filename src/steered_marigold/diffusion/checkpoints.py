@@ -3,22 +3,48 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
-from diffusers.utils import logging as diffusers_logging
-from transformers.utils import logging as transformers_logging
 
-from steered_marigold.diffusion.checkpoint_files import CLASSES, read_index
-from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.checkpoint_files import CLASSES, read_index, require_complete
+from steered_marigold.diffusion.light import is_light, load_light
+from steered_marigold.diffusion.marigold import SteeredMarigold
 from steered_marigold.errors import CheckpointError, InputError
+
+if TYPE_CHECKING:
+    from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
 
 EMBEDDED = "embedded"
 # a hub that does not answer must not keep anyone waiting
 HUB_TIMEOUT_S = 10
 DTYPES = ("auto", "float32", "bfloat16", "float16")
+Kind = TypeVar("Kind", bound=SteeredMarigold)
+
+
+def load_marigold(
+    checkpoint: str = EMBEDDED,
+    *,
+    device: str | torch.device | None = None,
+    dtype: torch.dtype | str = torch.float32,
+    compiled: bool = False,
+) -> SteeredMarigold:
+    """What completes depth with a checkpoint: without diffusers for those like the embedded one.
+
+    Those load sooner, and answer as `load_pipeline`'s, to the bit on CPUs. All others are loaded by
+    `load_pipeline`, whose arguments and errors these are.
+    """
+    folder = checkpoint_folder(checkpoint)
+    if not is_light(folder, checkpoint_folder(EMBEDDED), checkpoint):
+        return load_pipeline(checkpoint, device=device, dtype=dtype, compiled=compiled)
+    target = parse_device(device)
+    precision = parse_dtype(dtype, target)
+    with _named(checkpoint):
+        marigold = load_light(folder, target, precision)
+    return _prepared(marigold, compiled)
 
 
 def load_pipeline(
@@ -27,7 +53,7 @@ def load_pipeline(
     device: str | torch.device | None = None,
     dtype: torch.dtype | str = torch.float32,
     compiled: bool = False,
-) -> SteeredMarigoldPipeline:
+) -> "SteeredMarigoldPipeline":
     """The pipeline of a checkpoint, on a device (None: CUDA, then MPS, then CPU).
 
     checkpoint: "embedded", a folder in Marigold's layout, or a hub id such as
@@ -39,40 +65,50 @@ def load_pipeline(
     Raises CheckpointError if it is missing, incomplete, has pickled weights only, or is no depth
     checkpoint; InputError for a device that this machine does not have, or an unknown dtype.
     """
+    from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+
     target = parse_device(device)
     precision = parse_dtype(dtype, target)
     folder = checkpoint_folder(checkpoint)
     classes, settings = read_index(folder, checkpoint)
+    with _named(checkpoint), _quietly():
+        parts = {name: _load(kind, folder / name, precision) for name, kind in classes.items()}
+        pipeline = SteeredMarigoldPipeline(**parts, **settings)
+        _try_scheduler(pipeline.scheduler)
+    pipeline.to(target)
+    return _prepared(pipeline, compiled)
+
+
+@contextmanager
+def _named(checkpoint: str) -> Iterator[None]:
+    """Whatever fails inside is a CheckpointError that names the checkpoint."""
     try:
-        with _quietly():
-            parts = {name: _load(kind, folder / name, precision) for name, kind in classes.items()}
-            pipeline = SteeredMarigoldPipeline(**parts, **settings)
-            _try_scheduler(pipeline.scheduler)
+        yield
     except Exception as error:  # the libraries raise everything from KeyError to SafetensorError
         reason = " ".join(str(error).split()) or type(error).__name__
         raise CheckpointError(f"checkpoint {checkpoint} cannot be loaded: {reason}") from error
-    pipeline.to(target)
-    for model in filter(None, (pipeline.unet, pipeline.vae, pipeline.image_encoder)):
+
+
+def _prepared(marigold: Kind, compiled: bool) -> Kind:
+    """With convolutions' channels last, which CPUs and GPUs are faster with; compiled if asked."""
+    for model in filter(None, (marigold.unet, marigold.vae, marigold.image_encoder)):
         model.to(memory_format=torch.channels_last)
     if compiled:
-        pipeline.unet.compile()
-        pipeline.vae.decoder.compile()
-    return pipeline
+        marigold.unet.compile()
+        marigold.vae.decoder.compile()
+    return marigold
 
 
-def _load(kind: type[Any], folder: Path, dtype: torch.dtype) -> Any:
+def _load(kind: str, folder: Path, dtype: torch.dtype) -> Any:
     """A component of a listed class; CheckpointError if weights are missing in its files."""
-    if not hasattr(kind, "load_state_dict"):  # a tokenizer or a scheduler
-        return kind.from_pretrained(folder, local_files_only=True)
-    model, told = kind.from_pretrained(
+    module, _, name = kind.rpartition(".")
+    cls = getattr(import_module(module), name)
+    if not hasattr(cls, "load_state_dict"):  # a tokenizer or a scheduler
+        return cls.from_pretrained(folder, local_files_only=True)
+    model, told = cls.from_pretrained(
         folder, dtype=dtype, use_safetensors=True, local_files_only=True, output_loading_info=True
     )
-    lacking = sorted(told["missing_keys"]) + sorted(map(str, told["mismatched_keys"]))
-    if lacking:
-        raise CheckpointError(
-            f"{len(lacking)} weights of {folder.name!r} are missing or of another shape, such as "
-            f"{lacking[0]}"
-        )
+    require_complete(folder, [*told["missing_keys"], *map(str, told["mismatched_keys"])])
     return model.eval()
 
 
@@ -87,6 +123,9 @@ def _try_scheduler(scheduler: Any) -> None:
 @contextmanager
 def _quietly() -> Iterator[None]:
     """Without the libraries' progress bars and reports: stderr is the caller's."""
+    from diffusers.utils import logging as diffusers_logging
+    from transformers.utils import logging as transformers_logging
+
     libraries = (diffusers_logging, transformers_logging)
     shown = [library for library in libraries if library.is_progress_bar_enabled()]
     levels = [library.get_verbosity() for library in libraries]

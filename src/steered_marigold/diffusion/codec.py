@@ -30,7 +30,7 @@ class DepthCodec:
     ) -> Float[Tensor, "batch channels h w"]:
         """Latents of RGB images in [-1, 1]: the posterior's mode, scaled."""
         encoded = self.vae.encode(image)
-        latents: Tensor = encoded.latents if "latents" in encoded else encoded.latent_dist.mode()
+        latents: Tensor = encoded["latents"] if "latents" in encoded else encoded.latent_dist.mode()
         return latents * self.scale
 
     def decode(

@@ -55,7 +55,7 @@ def denoise(
         out = scheduler.step(predict(latents, t), t, latents, generator=generator)
         # LCM's x0 is boundary-scaled and has another name
         predicted_x0 = out["denoised" if "denoised" in out else "pred_original_sample"]
-        latents, target = out.prev_sample, None
+        latents, target = out["prev_sample"], None
         if steering is not None:
             decoded = codec.decode(predicted_x0).float()
             target = steering.target(decoded, i)

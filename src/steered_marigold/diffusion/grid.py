@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -115,6 +116,40 @@ def stack_maps(name: str, maps: Any, images: int, size: tuple[int, int]) -> Tens
             f"`{name}` is {list(array.shape)}, but the image asks for {[images, *size]}"
         )
     return torch.from_numpy(np.ascontiguousarray(array))
+
+
+def to_longer_side(
+    images: Float[Tensor, "images 3 height width"], longer: int
+) -> Float[Tensor, "images 3 h w"]:
+    """Images whose longer side is so many pixels, or as they are for 0, as Marigold resizes them.
+
+    Raises InputError for images so thin that nothing of their width would be left.
+    """
+    if longer == 0:
+        return images
+    size = [side * longer // max(images.shape[-2:]) for side in images.shape[-2:]]
+    if 0 in size:
+        height, width = images.shape[-2:]
+        raise InputError(
+            f"`image` of {width}x{height} cannot be brought to {longer} px: extreme aspect ratio"
+        )
+    return F.interpolate(images, size, mode="bilinear", antialias=True)
+
+
+def pad(
+    images: Float[Tensor, "batch channels height width"], align: int
+) -> tuple[Float[Tensor, "batch channels h w"], tuple[int, int]]:
+    """Images whose sides are multiples, their last row and column repeated; and how often [px]."""
+    rows, columns = (-side % align for side in images.shape[-2:])
+    return F.pad(images, (0, columns, 0, rows), mode="replicate"), (rows, columns)
+
+
+def inner_part(
+    maps: Float[Tensor, "batch channels h w"], padding: tuple[int, int]
+) -> Float[Tensor, "batch channels height width"]:
+    """Maps without the rows and columns that `pad` added."""
+    height, width = (side - added for side, added in zip(maps.shape[-2:], padding, strict=True))
+    return maps[..., :height, :width]
 
 
 def move_to_grid(

@@ -1,7 +1,6 @@
 """Generators for the members of an ensemble and for anchors, from those of the caller."""
 
 import torch
-from diffusers.utils.torch_utils import randn_tensor
 from torch import Tensor
 
 Generators = torch.Generator | list[torch.Generator] | None
@@ -10,9 +9,16 @@ Generators = torch.Generator | list[torch.Generator] | None
 def draw_noise(
     shape: tuple[int, ...], generator: Generators, *, device: torch.device, dtype: torch.dtype
 ) -> Tensor:
-    """Standard normal noise, drawn as diffusers draws it; one generator for each of the batch."""
-    noise: Tensor = randn_tensor(shape, generator, device=device, dtype=dtype)
-    return noise
+    """Standard normal noise, drawn as diffusers draws it; one generator for each of the batch.
+
+    With a CPU generator it is drawn on the CPU, so that a seed gives the same on every device.
+    """
+    if isinstance(generator, list) and len(generator) > 1:
+        parts = [draw_noise((1, *shape[1:]), g, device=device, dtype=dtype) for g in generator]
+        return torch.cat(parts)
+    one = generator[0] if isinstance(generator, list) else generator
+    home = device if one is None else one.device
+    return torch.randn(shape, generator=one, device=home, dtype=dtype).to(device)
 
 
 def generators_of_members(generator: Generators, images: int, members: int) -> Generators:

@@ -17,7 +17,7 @@ from steered_marigold.diffusion.settings import Preset, SamplingKnobs, SteeringC
 from steered_marigold.errors import InputError
 
 if TYPE_CHECKING:
-    from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+    from steered_marigold.diffusion.marigold import SteeredMarigold
 
 CallbackOnStepEnd = Callable[[Any, int, Tensor, dict[str, Any]], dict[str, Any]]
 CALLBACK_TENSORS = ("latents", "predicted_x0", "steering_target")
@@ -28,13 +28,15 @@ OUTPUT_TYPES = ("pt", "np")
 class Request:
     """What one call is to do; the fields are those of `SteeredMarigoldPipeline.__call__`.
 
-    confidence: [images, height, width]. share: of the scheduler's steps that are run, the last
-    ones. steering_codec: what decodes and encodes in the steps of steering.
+    images: [images, 3, height, width], in [0, 1]. confidence: [images, height, width]. share: of
+    the scheduler's steps that are run, the last ones. steering_codec: what decodes and encodes in
+    the steps of steering.
     """
 
     settings: Preset
     steps: int
     share: float
+    images: Tensor
     views: Views
     measured: Measured | None
     confidence: Tensor | None
@@ -71,7 +73,7 @@ class Request:
 
 
 def check_call(
-    pipe: "SteeredMarigoldPipeline",
+    pipe: "SteeredMarigold",
     settings: Preset,
     image: Any,
     maps: tuple[Any, Any, Any],
@@ -95,12 +97,14 @@ def check_call(
     pipe.schedule(settings, steps, share)
     _require_callback_inputs(rest["callback_inputs"])
     codec = _steering_codec(pipe, settings.steering.steering_codec)
-    images = _count_images(pipe, image, knobs)
+    _require_sizes(pipe, knobs)
+    pixels = pipe.load_images(image)
+    images = len(pixels)
     if isinstance(generator, list) and len(generator) != images:
         raise InputError(
             f"`generator` is a list of {len(generator)} for {images} images: give one an image"
         )
-    views = pipe.view(image, knobs)
+    views = pipe.view(pixels, knobs)
     grid = [side // pipe.vae_scale_factor for side in views.pixels.shape[-2:]]
     shape = (views.answers, pipe.vae.config.latent_channels, *grid)
     _require_shape(shape, latents=latents, previous_latents=previous_latents)
@@ -109,6 +113,7 @@ def check_call(
         settings=settings,
         steps=steps,
         share=share,
+        images=pixels,
         views=views,
         measured=None if depth is None else stack_measured(depth, mask, images, views.size),
         confidence=None if weights is None else stack_confidence(weights, images, views.size),
@@ -127,22 +132,19 @@ def require_output_type(output_type: str) -> None:
         raise InputError(f"`output_type` is {output_type!r}: choose 'pt' or 'np'")
 
 
-def _count_images(pipe: "SteeredMarigoldPipeline", image: Any, knobs: SamplingKnobs) -> int:
-    """How many there are, after stock Marigold's checks, as errors of this package."""
-    members = 1 if knobs.ensemble_size == 2 else knobs.ensemble_size  # stock warns of a pair
-    try:
-        images: int = pipe.check_inputs(
-            image, 1, members, pipe.resolution(knobs), "bilinear", "bilinear", 1,
-            None, None, None, "pt", False,
-        )  # fmt: skip
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    return images
+def _require_sizes(pipe: "SteeredMarigold", knobs: SamplingKnobs) -> None:
+    """InputError for an ensemble or a processing grid that there cannot be."""
+    if knobs.ensemble_size < 1:
+        raise InputError(f"`ensemble_size` is {knobs.ensemble_size}: it must be at least 1")
+    resolution = pipe.resolution(knobs)
+    if resolution < 0 or resolution % pipe.vae_scale_factor:
+        raise InputError(
+            f"`processing_resolution` is {resolution}: choose a multiple of "
+            f"{pipe.vae_scale_factor}, or 0 for the image's own size"
+        )
 
 
-def _steering_codec(
-    pipe: "SteeredMarigoldPipeline", kind: SteeringCodec
-) -> DepthCodec | LinearCodec:
+def _steering_codec(pipe: "SteeredMarigold", kind: SteeringCodec) -> DepthCodec | LinearCodec:
     if kind != "tiny":
         exact = DepthCodec(pipe.vae)
         return LinearCodec(exact) if kind == "linear" else exact

@@ -16,7 +16,7 @@ from steered_marigold.diffusion.randomness import Generators, draw_noise, genera
 from steered_marigold.diffusion.request import Request
 
 if TYPE_CHECKING:
-    from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+    from steered_marigold.diffusion.marigold import SteeredMarigold
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Sample:
 
 
 def sample_latents(
-    pipe: "SteeredMarigoldPipeline",
+    pipe: "SteeredMarigold",
     request: Request,
     image_latents: Float[Tensor, "answers channels h w"],
 ) -> list[Sample]:
@@ -61,7 +61,7 @@ def sample_latents(
 
 
 def _first_latents(
-    pipe: "SteeredMarigoldPipeline",
+    pipe: "SteeredMarigold",
     request: Request,
     noise: Generators,
     scheduler: Any,
@@ -80,7 +80,7 @@ def _first_latents(
 
 
 @contextmanager
-def _step_end(pipe: "SteeredMarigoldPipeline", request: Request, calls: int) -> Iterator[StepEnd]:
+def _step_end(pipe: "SteeredMarigold", request: Request, calls: int) -> Iterator[StepEnd]:
     """What happens after each of so many steps: progress, and the caller's callback."""
     with pipe.progress_bar(total=calls) as progress:
 

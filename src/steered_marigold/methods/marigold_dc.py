@@ -9,9 +9,9 @@ from torch import Tensor
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
-from steered_marigold.diffusion.checkpoints import default_device, load_pipeline
+from steered_marigold.diffusion.checkpoints import default_device, load_marigold
 from steered_marigold.diffusion.codec import DepthCodec
-from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.marigold import SteeredMarigold
 from steered_marigold.diffusion.randomness import draw_noise
 from steered_marigold.diffusion.settings import Preset, SamplingKnobs
 from steered_marigold.errors import InputError
@@ -39,7 +39,7 @@ class MarigoldDCCompleter(DepthCompleter):
 
     def __init__(
         self,
-        pipeline: SteeredMarigoldPipeline,
+        pipeline: SteeredMarigold,
         *,
         num_inference_steps: int = 50,
         ensemble_size: int = 1,
@@ -74,10 +74,10 @@ class MarigoldDCCompleter(DepthCompleter):
         ensemble_size: int = 1,
         processing_resolution: int | None = None,
     ) -> "MarigoldDCCompleter":
-        """Loads a checkpoint (see `load_pipeline`); dtype None: bfloat16 on CUDA, else float32."""
+        """Loads a checkpoint (see `load_marigold`); dtype None: bfloat16 on CUDA, else float32."""
         chosen = default_device() if device is None else torch.device(device)
         fitting = torch.bfloat16 if chosen.type == "cuda" else torch.float32
-        pipeline = load_pipeline(checkpoint, device=device, dtype=dtype or fitting)
+        pipeline = load_marigold(checkpoint, device=device, dtype=dtype or fitting)
         # the authors' program runs contiguous; channels-last moves 50 steps of Adam by up to 11 mm
         for model in filter(None, (pipeline.unet, pipeline.vae, pipeline.image_encoder)):
             model.to(memory_format=torch.contiguous_format)
@@ -101,7 +101,8 @@ class MarigoldDCCompleter(DepthCompleter):
     def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
         pipe = self._pipeline
         device, dtype, codec = pipe.device, pipe.dtype, DepthCodec(pipe.vae)
-        views = pipe.view(frame.image.permute(2, 0, 1).float() / 255, self._preset.sampling)
+        images = pipe.load_images(frame.image.permute(2, 0, 1).float() / 255)
+        views = pipe.view(images, self._preset.sampling)
         image_latents = pipe.read(views)
         u_net = pipe.predictor(image_latents)
         scheduler, _ = pipe.schedule(self._preset, self._num_inference_steps)
@@ -174,7 +175,7 @@ def guided_denoising(
     )
     for t in scheduler.timesteps:
         output = predict(latents, t)
-        predicted_x0 = scheduler.step(output, t, latents).pred_original_sample
+        predicted_x0 = scheduler.step(output, t, latents)["pred_original_sample"]
         residual = to_metric(decode(predicted_x0))[valid_mask] - measured
         loss = residual.abs().mean() + residual.square().mean()
         optimizer.zero_grad()
@@ -186,5 +187,5 @@ def guided_denoising(
             # as long as the noise, whatever the depth's unit and the noise level
             latents.grad *= epsilon.norm() / latents.grad.norm().clamp(min=1e-8)
             optimizer.step()
-            latents.copy_(scheduler.step(output, t, latents).prev_sample)
+            latents.copy_(scheduler.step(output, t, latents)["prev_sample"])
     return to_metric(decode(latents)).detach()

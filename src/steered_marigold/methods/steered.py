@@ -7,8 +7,8 @@ import torch
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.consistency import SensorNoise
 from steered_marigold.core.frame import Frame
-from steered_marigold.diffusion.checkpoints import load_pipeline
-from steered_marigold.diffusion.pipeline import SteeredMarigoldPipeline
+from steered_marigold.diffusion.checkpoints import load_marigold
+from steered_marigold.diffusion.marigold import SteeredMarigold
 from steered_marigold.diffusion.settings import KNOBS, get_preset, require_knobs
 from steered_marigold.methods.completer import DepthCompleter
 from steered_marigold.methods.memory import available_memory, require_memory
@@ -29,7 +29,7 @@ class SteeredCompleter(DepthCompleter):
 
     def __init__(
         self,
-        pipeline: SteeredMarigoldPipeline,
+        pipeline: SteeredMarigold,
         checkpoint: str,
         *,
         preset: str | None,
@@ -59,7 +59,7 @@ class SteeredCompleter(DepthCompleter):
         progress: bool = False,
         **knobs: Any,
     ) -> "SteeredCompleter":
-        """Loads a checkpoint (see `load_pipeline`).
+        """Loads a checkpoint (see `load_marigold`).
 
         dtype: None is the preset's own. knobs: see the class.
 
@@ -67,7 +67,7 @@ class SteeredCompleter(DepthCompleter):
         """
         require_knobs(knobs)
         dtype = dtype or get_preset(preset).dtype
-        pipeline = load_pipeline(checkpoint, device=device, dtype=dtype, compiled=compiled)
+        pipeline = load_marigold(checkpoint, device=device, dtype=dtype, compiled=compiled)
         return cls(
             pipeline,
             checkpoint,
@@ -80,14 +80,12 @@ class SteeredCompleter(DepthCompleter):
     @property
     def device(self) -> torch.device:
         """Where the models are."""
-        device: torch.device = self.pipeline.device
-        return device
+        return self.pipeline.device
 
     @property
     def dtype(self) -> torch.dtype:
         """The models' precision."""
-        dtype: torch.dtype = self.pipeline.dtype
-        return dtype
+        return self.pipeline.dtype
 
     def count_steps(self, frame: Frame) -> int:
         """How many denoising steps the frame takes, with those of a second pass."""
