@@ -107,7 +107,8 @@ def _map_panels(
 
 
 def _step(values: NDArray[Any]) -> int:
-    return -(-max(values.shape[:2]) // _LONGEST_SIDE)
+    height, width = values.shape[:2]
+    return -(-max(height, width) // _LONGEST_SIDE)
 
 
 def _side_by_side(panels: Sequence[_Panel]) -> Figure:
