@@ -107,8 +107,8 @@ def _map_panels(
 
 
 def _step(values: NDArray[Any]) -> int:
-    height, width = values.shape[:2]
-    return -(-max(height, width) // _LONGEST_SIDE)
+    longest: int = max(values.shape[:2])
+    return -(-longest // _LONGEST_SIDE)
 
 
 def _side_by_side(panels: Sequence[_Panel]) -> Figure:
