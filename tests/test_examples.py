@@ -280,6 +280,7 @@ def test_notebook() -> None:
     names: dict[str, Any] = {}
     for cell in _cells():
         exec(compile(cell, "quickstart.ipynb", "exec"), names)
+    assert "data:image/jpeg;base64," in names["completion"]._repr_html_()  # a cell's last line
     assert names["largest_change"] < 1e-5
     assert np.median(names["error"]) < 0.2
 

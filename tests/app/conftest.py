@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ CHROMIUM = shutil.which("chromium")
 _SILENT = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # the network is cut
 ]  # fmt: skip
-PATIENCE_MS = 120_000  # on a busy machine; nothing waits so long on an idle one
+PATIENCE_MS = 300_000  # on a busy machine; nothing waits so long on an idle one
 
 
 @dataclass(frozen=True)
@@ -28,31 +30,42 @@ class Served:
     temporary: Path
 
 
-@pytest.fixture(scope="session")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """`steered-marigold app`, with small limits and a folder of its own disk."""
-    from tests.app.test_inputs import write_frame
-
-    temporary, root = tmp_path_factory.mktemp("tmp"), tmp_path_factory.mktemp("root")
-    write_frame(root / "kitchen", "f1", (96, 128))
+@contextmanager
+def serve(temporary: Path, *options: str) -> Iterator[Served]:
+    """`steered-marigold app`, which can reach no other machine; its files lie in `temporary`."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    options = ["--port", str(port), "--root", str(root), "--max-upload", "1"]
-    options += ["--max-megapixels", "0.5"]
+    asked = temporary / "asked.txt"
+    command = [sys.executable, "-m", "tests.app.offline", str(asked), "app", "--port", str(port)]
     with subprocess.Popen(
-        [sys.executable, "-m", "steered_marigold", "app", *options],
+        [*command, *options],
         env={**os.environ, "TMPDIR": str(temporary)},
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
         assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith("ready: ")
-        yield Served(line.removeprefix("ready: ").strip(), temporary)
-        process.terminate()
-        assert process.wait(30) == 0
+        try:
+            line = process.stdout.readline()
+            assert line.startswith("ready: ")
+            yield Served(line.removeprefix("ready: ").strip(), temporary)
+        finally:
+            process.terminate()
+        assert process.wait(120) == 0
     assert not list(temporary.glob("steered-marigold-*"))  # nothing is left behind
+    assert not asked.exists(), asked.read_text()
+
+
+@pytest.fixture(scope="session")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """The page, with small limits and a folder of its own disk."""
+    from tests.app.test_inputs import write_frame
+
+    root = tmp_path_factory.mktemp("root")
+    write_frame(root / "kitchen", "f1", (96, 128))
+    limits = ["--max-upload", "1", "--max-megapixels", "0.5", "--max-seconds", "3000"]
+    with serve(tmp_path_factory.mktemp("tmp"), "--root", str(root), *limits) as page:
+        yield page
 
 
 @pytest.fixture(scope="session")

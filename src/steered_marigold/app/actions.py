@@ -262,5 +262,5 @@ def _opened(session: Session) -> Frame:
 
 def _completed(session: Session) -> Any:
     if session.completed is None:
-        raise InputError("There is no result yet: press “Complete”.")
+        raise InputError(words.NO_RESULT)
     return session.completed

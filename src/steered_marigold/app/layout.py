@@ -33,6 +33,7 @@ _PRESET_HELP = {
     "paper-minmax": "paper-minmax: as published, for uniform samples",
 }
 FIRST_PRESET = "fast"
+MOST_UNCERTAIN = 1.0  # m of standard deviation that the scene shows at first
 
 
 def static(name: str) -> str:
@@ -113,6 +114,7 @@ class Layout:
     method: gr.HTML
     tabs: gr.Tabs
     downloads_tab: gr.Tab
+    downloads_note: gr.HTML
     downloads: dict[str, gr.DownloadButton]
 
 
@@ -129,7 +131,7 @@ def build_layout(checkpoints: list[str], disk: Disk | None) -> Layout:
         with gr.Column(scale=3, min_width=320, elem_id="answers"):
             parts["status"] = gr.HTML("", elem_id="status")
             parts["message"] = gr.HTML("", elem_id="message")
-            with gr.Tabs(elem_id="views") as parts["tabs"]:
+            with gr.Tabs(elem_id="views", overflow_behavior="wrap") as parts["tabs"]:
                 parts |= _pictures() | _hole() | _scene() | _method() | _downloads()
     return Layout(**parts)
 
@@ -148,7 +150,7 @@ def _drawn(script: str, kind: str, value: Any = None, **how: Any) -> gr.HTML:
 def _frame_choice(disk: Disk | None) -> dict[str, Any]:
     parts: dict[str, Any] = {"disk": None}
     gr.HTML("<h2>1 · Frame</h2>")
-    with gr.Tabs():
+    with gr.Tabs(overflow_behavior="wrap"):
         with gr.Tab("Samples"), gr.Row(elem_id="samples"):
             parts["samples"] = {
                 name: gr.Button(name, icon=str(folder / "image.jpg"), min_width=80)
@@ -171,7 +173,7 @@ def _frame_choice(disk: Disk | None) -> dict[str, Any]:
                     images=gr.Dropdown(disk.images(), value=None, label="Images, or a recording"),
                     depths=gr.Dropdown(disk.depths(), value=None, label="Depth maps"),
                     frame=gr.Dropdown([], value=None, label="Frame", elem_id="disk-frame"),
-                    refresh=gr.Button("Look again", size="sm"),
+                    refresh=gr.Button("Look for new files", size="sm"),
                 )
     return parts
 
@@ -188,14 +190,12 @@ def _reading() -> dict[str, Any]:
         with gr.Row():
             scale = _number("Depth scale", "metres per unit; empty: guessed")
             farthest = _number("Farthest depth", "metres; beyond counts as missing")
+        camera = gr.Textbox(label="Camera", info="fx,fy,cx,cy in pixels", placeholder="not known")
         with gr.Row():
-            camera = gr.Textbox(
-                label="Camera", info="fx,fy,cx,cy in pixels", placeholder="not known", min_width=140
-            )
             baseline = _number("Baseline", "metres, of disparity")
-        member = gr.Textbox(
-            label="Array", info="its name in an .npz or .h5", placeholder="only one"
-        )
+            member = gr.Textbox(
+                label="Array", info="in an .npz or .h5", placeholder="only one", min_width=140
+            )
         registered = gr.Checkbox(label="Lower resolution, same view as the image")
         apply = gr.Button("Read again", size="sm", elem_id="read-again")
     fields = ReadingFields(
@@ -221,6 +221,7 @@ def _run(checkpoints: list[str]) -> dict[str, Any]:
         [(_PRESET_HELP.get(name, name), name) for name in sorted(PRESETS, key=_preset_order)],
         value=FIRST_PRESET,
         label="Preset",
+        info="paper steers every step; fast and default fit the result to the measurements.",
         elem_id="preset",
     )
     with gr.Row():
@@ -281,6 +282,7 @@ def _hole() -> dict[str, Any]:
 def _scene() -> dict[str, Any]:
     with gr.Tab("3D", id="scene") as tab:
         gr.HTML("<p class='lead'>Drag to turn, scroll to come nearer.</p>")
+        note = gr.HTML("", elem_id="scene-note")
         scene = gr.Model3D(
             show_label=False,
             height=520,
@@ -290,15 +292,13 @@ def _scene() -> dict[str, Any]:
         )
         certainty = gr.Slider(
             0.01,
-            1.0,
-            value=0.3,
+            MOST_UNCERTAIN,
+            value=MOST_UNCERTAIN,
             step=0.01,
-            label="Uncertain points fade",
-            info="metres of standard deviation; beyond it points are left out, from half of it on "
-            "they fade",
+            label="Leave out uncertain points",
+            info="beyond so many metres of standard deviation; from half of it on they fade",
             elem_id="certainty",
         )
-        note = gr.HTML("")
     return {"scene_tab": tab, "scene": scene, "certainty": certainty, "scene_note": note}
 
 
@@ -322,6 +322,7 @@ def _method() -> dict[str, Any]:
 def _downloads() -> dict[str, Any]:
     with gr.Tab("Downloads", id="downloads") as tab:
         gr.HTML("<p class='lead'>In depth files 0 means unknown; depth is z, in metres.</p>")
+        note = gr.HTML("", elem_id="downloads-note")
         with gr.Column(elem_id="downloads"):
             buttons = {
                 kind: gr.DownloadButton(
@@ -329,4 +330,4 @@ def _downloads() -> dict[str, Any]:
                 )
                 for kind, label in DOWNLOADS.items()
             }
-    return {"downloads_tab": tab, "downloads": buttons}
+    return {"downloads_tab": tab, "downloads_note": note, "downloads": buttons}

@@ -167,7 +167,7 @@ class _Wiring:
 
         def scene(session: Session, most_uncertain: float) -> Updates:
             if session.completed is None:
-                return {}
+                return {page.scene_note: words.box("note", words.NO_RESULT)}
             path, distance, note = self.actions.mesh(session, most_uncertain)
             seen_from = (90, 85, distance or None)  # where the camera was, a little higher
             return {
@@ -177,9 +177,9 @@ class _Wiring:
 
         def downloads(session: Session) -> Updates:
             if session.completed is None:
-                return {}
+                return {page.downloads_note: words.box("note", words.NO_RESULT)}
             found = self.actions.downloads(session)
-            return {
+            return {page.downloads_note: ""} | {
                 page.downloads[kind]: gr.update(value=str(path), interactive=True)
                 for kind, path in found.items()
             }
@@ -187,7 +187,7 @@ class _Wiring:
         self._on(page.hole_tab.select, canvas, [], [page.canvas])
         for listener in (page.scene_tab.select, page.certainty.release):
             self._on(listener, scene, [page.certainty], [page.scene, page.scene_note])
-        self._on(page.downloads_tab.select, downloads, [], self.downloads)
+        self._on(page.downloads_tab.select, downloads, [], [page.downloads_note, *self.downloads])
 
     # what the events share
 

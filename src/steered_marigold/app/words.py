@@ -29,6 +29,8 @@ _FIELDS = {
     "seed": "Seed",
 }
 
+NO_RESULT = "There is no result yet: press “Complete”."
+
 
 def in_words_of_the_page(text: str, hidden: tuple[str, ...] = ()) -> str:
     """`max_depth`, an argument of the library in backticks, becomes “Farthest depth”, and so on.

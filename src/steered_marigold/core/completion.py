@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import Any
 
 import torch
@@ -46,19 +47,38 @@ class DepthCompletion:
     latents: Float[Tensor, "members channels h w"] | None = None
     metric: bool = True
 
+    def summary(self) -> dict[str, str]:
+        """The numbers of the whole batch in words, by name."""
+        images, height, width = self.depth.shape
+        said = {"size": f"{images} x {width}x{height} px"}
+        known = self.depth[self.depth > 0]
+        if not self.metric:
+            said["depth"] = "relative, 0 to 1"
+        elif known.numel():
+            said["depth"] = f"{float(known.min()):.2f} to {float(known.max()):.2f} m"
+        said["measured"] = f"{float(self.measured.float().mean()):.1%}"
+        refused = int((self.measured & ~self.trusted).sum())
+        if refused:
+            said["not believed"] = f"{refused:,} px"
+        if self.uncertainty is not None:
+            unit = " m" if self.metric else ""
+            said["median uncertainty"] = f"{float(self.uncertainty.median()):.3g}{unit}"
+        for name in ("floored", "beyond_range"):
+            mask = getattr(self, name)
+            if mask is not None and mask.any():
+                said[name.replace("_", " ")] = f"{int(mask.sum()):,} px"
+        return said
+
     def __repr__(self) -> str:
         """Sizes and shares; the tensors would fill screens."""
-        images, height, width = self.depth.shape
-        parts = [f"{images} x {width}x{height} px"]
-        known = self.depth[self.depth > 0]
-        if self.metric and known.numel():
-            parts.append(f"{float(known.min()):.2f} to {float(known.max()):.2f} m")
-        if not self.metric:
-            parts.append("relative depth")
-        parts.append(f"{float(self.measured.float().mean()):.1%} measured")
-        if self.uncertainty is not None:
-            parts.append(f"median uncertainty {float(self.uncertainty.median()):.3g} m")
-        return f"DepthCompletion({', '.join(parts)})"
+        said = (f"{name} {value}" for name, value in self.summary().items())
+        return f"DepthCompletion({', '.join(said)})"
+
+    def _repr_html_(self) -> str:
+        """Pictures and numbers, for notebooks."""
+        # the one call upwards: a notebook looks for this method, and the core draws nothing
+        html: str = import_module("steered_marigold.pictures.notebook").completion_html(self)
+        return html
 
 
 def join_completions(parts: Sequence[DepthCompletion]) -> DepthCompletion:

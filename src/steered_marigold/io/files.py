@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from steered_marigold.errors import FileFormatError, InputError
 from steered_marigold.io.remote import RemotePath
@@ -99,6 +99,9 @@ def decoding(path: AnyPath) -> Iterator[None]:
             yield
     except InputError:
         raise
+    except UnidentifiedImageError as error:  # its own words name an object of Python
+        reason = "no known format of images"
+        raise FileFormatError(f"{path}: damaged, or not of its kind ({reason})") from error
     except Exception as error:  # decoders raise everything from SyntaxError to RuntimeError
         raise FileFormatError(f"{path}: damaged, or not of its kind ({error})") from error
 

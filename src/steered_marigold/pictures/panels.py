@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
 from steered_marigold.pictures.colours import (
     DEPTH,
@@ -41,25 +42,30 @@ def frame_panels(
     result. What is missing is grey. Sparse measurements are drawn larger than they are. Without
     `metric` the result is relative, in [0, 1].
     """
-    result, measured = depth.cpu().numpy(), frame.valid_mask.cpu().numpy()
-    step = -(-max(result.shape) // _LONGEST_SIDE)
-    sparse = sparse_picture(
-        frame.sparse_depth.cpu().numpy(), measured, below=_SPARSE, radius=2 * step
+    measured = frame.valid_mask.cpu().numpy()
+    panels = _map_panels(
+        f"input, {measured.mean():.1%} measured",
+        frame.sparse_depth.cpu().numpy(),
+        measured,
+        depth,
+        uncertainty,
+        metric=metric,
     )
-    known = np.where(result > 0, result, np.nan) if metric else result
-    scale = robust_range(known) if metric else Normalize(0, 1)
-    panels = [
-        _Panel("image", frame.image.cpu().numpy()),
-        _Panel(f"input, {measured.mean():.1%} measured", sparse, scale, label="depth [m]"),
-        _Panel("result", known, scale, label="depth [m]" if metric else "relative depth"),
-    ]
-    if uncertainty is not None:
-        error = uncertainty.cpu().numpy()
-        norm = uncertainty_range(error)
-        title = f"uncertainty, 98 % below {norm.vmax:.2g} m" if metric else "uncertainty"
-        label = "standard deviation" + (" [m]" if metric else "")
-        panels.append(_Panel(title, error, norm, ERROR, label))
-    return _side_by_side([replace(panel, values=panel.values[::step, ::step]) for panel in panels])
+    return _side_by_side([_Panel("image", frame.image.cpu().numpy()), *panels])
+
+
+def completion_panels(completion: DepthCompletion) -> Figure:
+    """Believed measurements, result and (if there) uncertainty of the first image, alike."""
+    believed, sigma = completion.trusted[0].cpu().numpy(), completion.uncertainty
+    panels = _map_panels(
+        f"believed measurements, {believed.mean():.1%}",
+        completion.depth[0].cpu().numpy(),
+        believed,
+        completion.depth[0],
+        None if sigma is None else sigma[0],
+        metric=completion.metric,
+    )
+    return _side_by_side(panels)
 
 
 @dataclass(frozen=True)
@@ -73,8 +79,42 @@ class _Panel:
     label: str = ""
 
 
+def _map_panels(
+    title: str,
+    sparse_depth: NDArray[Any],
+    shown: NDArray[Any],
+    depth: Float[Tensor, "height width"],
+    uncertainty: Float[Tensor, "height width"] | None,
+    *,
+    metric: bool,
+) -> list[_Panel]:
+    """`sparse_depth` where it is `shown`, under that title; result; uncertainty."""
+    result = depth.cpu().numpy()
+    sparse = sparse_picture(sparse_depth, shown, below=_SPARSE, radius=2 * _step(result))
+    known = np.where(result > 0, result, np.nan) if metric else result
+    scale = robust_range(known) if metric else Normalize(0, 1)
+    panels = [
+        _Panel(title, sparse, scale, label="depth [m]"),
+        _Panel("result", known, scale, label="depth [m]" if metric else "relative depth"),
+    ]
+    if uncertainty is not None:
+        error = uncertainty.cpu().numpy()
+        norm = uncertainty_range(error)
+        title = f"uncertainty, 98 % below {norm.vmax:.2g} m" if metric else "uncertainty"
+        label = "standard deviation" + (" [m]" if metric else "")
+        panels.append(_Panel(title, error, norm, ERROR, label))
+    return panels
+
+
+def _step(values: NDArray[Any]) -> int:
+    longest: int = max(values.shape[:2])
+    return -(-longest // _LONGEST_SIDE)
+
+
 def _side_by_side(panels: Sequence[_Panel]) -> Figure:
     """Each value takes at least a pixel of the figure."""
+    step = _step(panels[0].values)
+    panels = [replace(panel, values=panel.values[::step, ::step]) for panel in panels]
     height, width = panels[0].values.shape[:2]
     panel_height = _PANEL_INCHES * height / width
     figure = Figure(
