@@ -143,27 +143,32 @@ def _usual(
     padded = np.full((rows * side, columns * side), np.nan, np.float32)
     padded[:height, :width] = np.where(measured, residual, np.nan)
     cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
-    medians = torch.from_numpy(cells).nanmedian(dim=-1).values
-    counts = np.count_nonzero(~np.isnan(cells), axis=-1)
+    medians, counts = _medians(cells)
     few = counts < FEW_IN_CELL * np.median(counts[counts > 0])
-    medians[torch.from_numpy(few | (counts == 0))] = torch.nan
-    usual = _median_around(medians, medians.nanmedian())
-    off = (medians - usual).abs()
-    both = torch.stack((usual, _median_around(off, off.nanmedian())))[None]
+    medians[few | (counts == 0)] = np.nan
+    usual = _median_around(medians)
+    both = torch.from_numpy(np.stack((usual, _median_around(np.abs(medians - usual)))))[None]
     size = (rows * side, columns * side)
     fine = F.interpolate(both, size=size, mode="bilinear")[0, :, :height, :width].numpy()
     return fine[0], fine[1]
 
 
-def _median_around(
-    cells: Float[Tensor, "rows columns"], otherwise: Float[Tensor, ""]
-) -> Float[Tensor, "rows columns"]:
-    """The median of the CELLS x CELLS around each, but of NaN; `otherwise` if few are left."""
-    reach = CELLS // 2
-    padded = F.pad(cells, (reach, reach, reach, reach), value=torch.nan)
-    windows = padded.unfold(0, CELLS, 1).unfold(1, CELLS, 1).flatten(2)
-    known = (~windows.isnan()).float().mean(dim=2)
-    return torch.where(known < FEW_CELLS, otherwise, windows.nanmedian(dim=2).values)
+def _median_around(cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The median of the CELLS x CELLS around each, but of NaN; of all cells if few are left."""
+    padded = np.pad(cells, CELLS // 2, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (CELLS, CELLS))
+    medians, known = _medians(windows.reshape(*cells.shape, -1))
+    return np.where(known < FEW_CELLS * CELLS**2, _medians(cells.reshape(1, -1))[0], medians)
+
+
+def _medians(values: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Of the last axis, the lower one of two; and of how many numbers, for NaN is none.
+
+    NumPy's sort is many times faster here than PyTorch's `nanmedian`, and puts NaN last.
+    """
+    counts = np.count_nonzero(~np.isnan(values), axis=-1)
+    middle = (np.maximum(counts, 1) - 1) // 2
+    return np.take_along_axis(np.sort(values, axis=-1), middle[..., None], -1)[..., 0], counts
 
 
 def _without_thin(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
