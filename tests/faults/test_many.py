@@ -14,8 +14,8 @@ FRAMES = 200_000 if "FAULTS" in os.environ else 20_000
 
 
 @pytest.mark.slow
-def test_many_frames_are_planned_in_a_minute_and_500_mb(tmp_path: Path) -> None:
-    """In a process of its own, for its own peak of memory."""
+def test_a_million_frames_would_be_planned_in_a_minute_and_500_mb(tmp_path: Path) -> None:
+    """Of fewer, the share. In a process of its own, for its own peak of memory."""
     told = subprocess.run(
         [sys.executable, "-m", "tests.faults.many", str(FRAMES), str(tmp_path)],
         check=True,
@@ -23,6 +23,6 @@ def test_many_frames_are_planned_in_a_minute_and_500_mb(tmp_path: Path) -> None:
         text=True,
         cwd=ROOT,
     ).stdout.split()
-    seconds, megabytes = float(told[0]), float(told[1])
-    assert seconds < 60
-    assert megabytes < 500
+    _, busy_seconds, _, megabytes = map(float, told)
+    assert busy_seconds < 60 * FRAMES / 1_000_000
+    assert megabytes < 500 * FRAMES / 1_000_000

@@ -73,7 +73,7 @@ class RayEngine(Engine):
             context = ray.data.DataContext.get_current()
             context.enable_progress_bars = False
             context.print_on_execution_start = False
-            logging.getLogger("ray.data").setLevel(logging.ERROR)  # above, Ray lowers it again
+            logging.getLogger("ray.data").setLevel(logging.ERROR)
             blocks: list[Any] = [ray.put(_table(some)) for some in _blocks(tasks)]
             results = ray.data.from_arrow_refs(blocks).map_batches(
                 _Actor,
