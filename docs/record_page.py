@@ -1,4 +1,4 @@
-"""Records a visit to the page: docs/images/page.gif, and docs/images/page.jpg of its result.
+"""Records a visit to the page: docs/images/page.gif, and docs/images/page.png of its result.
 
     python docs/record_page.py
 
@@ -95,7 +95,7 @@ def visit(recorder: Recorder, url: str) -> None:
         page.mouse.move(x, y)
         recorder.show(900)
     whole = Image.open(BytesIO(page.screenshot(full_page=True))).convert("RGB")
-    whole.save(IMAGES / "page.jpg", quality=88)
+    whole.save(IMAGES / "page.png", optimize=True)
     draw_hole(recorder)
     turn(recorder)
 
