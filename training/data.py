@@ -97,6 +97,24 @@ def resized(frame: Frame) -> Frame:
     return Frame(np.asarray(image, np.uint8), np.asarray(depth, np.uint16))
 
 
+def composite(frame: Frame, other: Frame, rng: np.random.Generator) -> Frame:
+    """The frame with near things of another one, of the same camera, in front: cut and paste.
+
+    What is pasted hides only what is farther by a quarter, so depth stays consistent.
+    """
+    image, depth = other.image, other.depth
+    if rng.random() < 0.5:
+        image, depth = image[:, ::-1], depth[:, ::-1]
+    known = depth > 0
+    if not known.any():
+        return frame
+    near = float(np.quantile(depth[known], rng.uniform(0.1, 0.45)))
+    over = known & (depth < near) & ((depth < 0.8 * frame.depth) | (frame.depth == 0))
+    over = cv2.morphologyEx(over.astype(np.uint8), cv2.MORPH_OPEN, np.ones((9, 9), np.uint8)) > 0
+    pasted = np.where(over[..., None], image, frame.image)
+    return Frame(np.asarray(pasted, np.uint8), np.where(over, depth, frame.depth))
+
+
 def augment(frame: Frame, border: int, rng: np.random.Generator) -> Frame:
     """A random crop, turned a little, mirrored or not, at the training size, in other colours."""
     crop = _random_crop(frame, border, rng)

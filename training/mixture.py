@@ -14,6 +14,7 @@ from training.data import (
     Frame,
     Image,
     augment,
+    composite,
     in_colours_of,
     read_nyu_frame,
     sample_of,
@@ -22,6 +23,8 @@ from training.data import (
 from training.rgbd import chances, read_pair, training_pairs
 
 Sample = dict[str, torch.Tensor]
+# share of NYUv2's frames that are put together from two
+COMPOSITES = 0.3
 # how often a sample comes from each source, where all are given
 SHARES = {"nyuv2": 0.5, "rgbd": 0.2, "rooms": 0.3}
 
@@ -81,7 +84,10 @@ class MixedFrames(IterableDataset[Sample]):
     def _nyuv2(self, rng: np.random.Generator) -> Iterator[Frame]:
         while True:
             for i in rng.permutation(len(self.frames)):
-                yield augment(self.frames[i], NYU_BORDER, rng)
+                frame = self.frames[i]
+                if rng.random() < COMPOSITES:
+                    frame = composite(frame, self.frames[rng.integers(len(self.frames))], rng)
+                yield augment(frame, NYU_BORDER, rng)
 
     def _rgbd(self, rng: np.random.Generator) -> Iterator[Frame]:
         while True:

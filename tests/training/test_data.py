@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from training.data import HEIGHT, SKY, WIDTH, Frame, augment, in_colours_of, sample_of
+from training.data import HEIGHT, SKY, WIDTH, Frame, augment, composite, in_colours_of, sample_of
 
 BORDER = 8
 
@@ -44,6 +44,23 @@ def test_crops_differ_in_size_and_angle() -> None:
         angles.append(np.degrees(np.arctan2(dy, abs(dx))))
     assert max(spans) / min(spans) > 1.4
     assert 2 < np.std(angles) < 7
+
+
+@given(seed=st.integers(0, 2**31))
+def test_what_is_pasted_hides_what_is_farther(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depths = [
+        rng.integers(500, 8000, (12, 16)).astype(np.uint16).repeat(20, 0).repeat(20, 1)
+        for _ in range(2)
+    ]
+    far, near = (
+        Frame(np.full((240, 320, 3), 10 + 100 * i, np.uint8), d) for i, d in enumerate(depths)
+    )
+    result = composite(far, near, rng)
+    pasted = result.image[..., 0] == 110
+    assert (result.depth[~pasted] == far.depth[~pasted]).all()
+    assert (result.depth[pasted] < 0.8 * far.depth[pasted]).all()
+    assert np.isin(result.depth[pasted], near.depth).all()
 
 
 def test_holes_take_the_nearest_depth_and_are_told() -> None:
