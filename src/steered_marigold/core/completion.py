@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from importlib import import_module
 from typing import Any
 
 import torch
@@ -76,9 +75,10 @@ class DepthCompletion:
 
     def _repr_html_(self) -> str:
         """Pictures and numbers, for notebooks."""
-        # the one call upwards: a notebook looks for this method, and the core draws nothing
-        html: str = import_module("steered_marigold.pictures.notebook").completion_html(self)
-        return html
+        # the one import upwards: notebooks look for this method, and the core draws nothing
+        from steered_marigold.pictures.notebook import completion_html
+
+        return completion_html(self)
 
 
 def join_completions(parts: Sequence[DepthCompletion]) -> DepthCompletion:
