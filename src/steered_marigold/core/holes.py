@@ -18,7 +18,7 @@ SAMPLE = 20_000  # measurements that tell the range, evenly spread
 # the measured range, and next to nothing within it, both clearly (in log depth): true of four in
 # five tune frames whose depth is cut by distance, and of one in fifteen that are cut elsewhere.
 BEYOND, BEYOND_SHARE = 0.05, 0.4
-WITHIN, WITHIN_SHARE = 0.2, 0.1
+CLEARLY, WITHIN_SHARE = 0.2, 0.1
 DEEP = 0.03
 BLOCKS = 16  # of an image's height, and of its width; finer ones miss the rows of sparse samples
 # Of such an image's holes so many are there because the range ends, and so far is a prior's log
@@ -34,7 +34,7 @@ DISTANCE_STEP = 0.005
 class Hole(IntEnum):
     """Where a pixel lies. INSIDE: between measurements in its row or column of BLOCKS. BESIDE: not.
 
-    FARTHER, NEARER: in an image whose holes lie beyond the measured range.
+    FARTHER, NEARER: in an image that the sensor's range cuts there.
     """
 
     INSIDE = 0
@@ -47,11 +47,13 @@ class Hole(IntEnum):
 class Holes:
     """distance: to the nearest trusted measurement, as a share of the image's diagonal.
 
-    kind: of `Hole`. low, high: logarithms of the measured range.
+    kind: of `Hole`. cut: FARTHER or NEARER where that is the kind of all pixels, else None. low,
+    high: logarithms of the measured range.
     """
 
     distance: Float[Tensor, "height width"]
     kind: Int[Tensor, "height width"]
+    cut: Hole | None
     low: Float[Tensor, ""]
     high: Float[Tensor, ""]
 
@@ -76,13 +78,12 @@ def find_holes(
         measured.new_tensor((RANGE_TAILS, 1 - RANGE_TAILS))
     )
     deep = prior[distance > DEEP].log()
-    if _is_cut(deep - high):
-        kind = torch.full_like(trusted, int(Hole.FARTHER), dtype=torch.long)
-    elif _is_cut(low - deep):
-        kind = torch.full_like(trusted, int(Hole.NEARER), dtype=torch.long)
+    cut = Hole.FARTHER if _is_cut(deep - high) else Hole.NEARER if _is_cut(low - deep) else None
+    if cut is not None:
+        kind = torch.full_like(trusted, int(cut), dtype=torch.long)
     else:
         kind = torch.where(_between(trusted), int(Hole.INSIDE), int(Hole.BESIDE))
-    return Holes(distance, kind, low, high)
+    return Holes(distance, kind, cut, low, high)
 
 
 def expect_beyond(prior: Float[Tensor, "height width"], holes: Holes) -> Tensor:
@@ -98,10 +99,9 @@ def expect_beyond(prior: Float[Tensor, "height width"], holes: Holes) -> Tensor:
     the reason is Bayes' rule from BECAUSE_OF_RANGE, with Phi(-z): a prior clearly within
     the range stays.
     """
-    kind = int(holes.kind[0, 0])
-    if kind not in (Hole.FARTHER, Hole.NEARER):
+    if holes.cut is None:
         return prior
-    side, end = (1, holes.high) if kind == Hole.FARTHER else (-1, holes.low)
+    side, end = (1, holes.high) if holes.cut == Hole.FARTHER else (-1, holes.low)
     z = side * (end - prior.log()) / PRIOR_ERROR
     tail = torch.special.ndtr(-z)
     reason = BECAUSE_OF_RANGE * tail / (BECAUSE_OF_RANGE * tail + 1 - BECAUSE_OF_RANGE)
@@ -114,7 +114,7 @@ def _is_cut(beyond: Float[Tensor, " n"]) -> bool:
     """beyond: how far log depth of pixels deep in holes lies beyond an end of the range."""
     if len(beyond) == 0:
         return False
-    outside, within = (x.float().mean() for x in (beyond > BEYOND, beyond < -WITHIN))
+    outside, within = (x.float().mean() for x in (beyond > BEYOND, beyond < -CLEARLY))
     return bool((outside > BEYOND_SHARE) & (within < WITHIN_SHARE))
 
 

@@ -182,16 +182,16 @@ PAPER_MINMAX = PAPER.override(condition_alignment="minmax")
 
 # coverage of the 90 % interval on the tune split (docs/method.md)
 CALIBRATED = UncertaintyModel(
-    near=0.006,
-    reach=0.36,
-    drift=0.275,
-    length=0.024,
-    origin=0.7,
-    moved=0.72,
-    farther=0.193,
-    nearer=0.371,
-    relief=14.9,
-    by_kind=(0.715, 1.02, 1.9, 1.85),
+    near=0.00767,
+    reach=0.303,
+    drift=0.285,
+    length=0.0141,
+    origin=0.734,
+    moved=0.607,
+    farther=0.216,
+    nearer=0.355,
+    relief=14.6,
+    by_kind=(0.964, 1.53, 1.9, 2.08),
 )
 # Unsteered: next to the consistency solve, steering made the erased area worse on the embedded
 # checkpoint (docs/method.md has the figures). steering_strength turns it on.
