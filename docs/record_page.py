@@ -150,7 +150,9 @@ def turn(recorder: Recorder) -> None:
 def wait_for_scene(scene: Any) -> None:
     """Until it shows more than its background."""
     for _ in range(200):
-        shown = Image.open(BytesIO(scene.screenshot())).convert("L")
+        # of the page: a screenshot of an element waits for it to stand still
+        shot = scene.page.screenshot(clip=scene.bounding_box())
+        shown = Image.open(BytesIO(shot)).convert("L")
         if len(shown.getcolors() or []) > 100:
             return
         scene.page.wait_for_timeout(500)
@@ -161,7 +163,7 @@ def across(
     element: Any, begin: tuple[float, float], end: tuple[float, float], count: int
 ) -> Iterator[tuple[float, float]]:
     """Places from one to the other, both in shares of the element."""
-    element.scroll_into_view_if_needed()
+    element.evaluate("element => element.scrollIntoView({block: 'nearest'})")
     box = element.bounding_box()
     for share in (i / (count - 1) for i in range(count)):
         x, y = (b + share * (e - b) for b, e in zip(begin, end, strict=True))
