@@ -16,6 +16,7 @@ from steered_marigold.io.bags.reading import Reader
 from steered_marigold.io.bags.transforms import (
     STILL,
     StaticTransforms,
+    ancestors,
     joined,
     matrix_of,
     moving_transforms,
@@ -139,12 +140,7 @@ class TransformWindow:
 
     def ancestors(self, frame: str, stamp: int) -> dict[str, NDArray[np.float64]]:
         """The frame and all above it, each with the 4x4 that takes its points there at a stamp."""
-        frame, matrix = frame_name(frame), np.eye(4)
-        found = {frame: matrix}
-        while (step := self._above(frame, stamp)) is not None and step[0] not in found:
-            frame, matrix = step[0], step[1] @ matrix
-            found[frame] = matrix
-        return found
+        return ancestors(frame_name(frame), lambda name: self._above(name, stamp))
 
     def _above(self, frame: str, stamp: int) -> tuple[str, NDArray[np.float64]] | None:
         """The parent at a stamp, and the transform there: interpolated, or the nearest one."""

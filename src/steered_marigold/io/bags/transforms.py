@@ -1,6 +1,6 @@
 """Where cameras stand: the transforms of /tf_static and /tf, and those of librealsense."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -87,20 +87,26 @@ class StaticTransforms:
 
     def lookup(self, source: str, target: str) -> NDArray[Any] | None:
         """4x4 from points of `source` to points of `target`; None if no fixed chain joins them."""
-        return joined(self._ancestors(frame_name(source)), self._ancestors(frame_name(target)))
+        return joined(*(ancestors(frame_name(frame), self.above) for frame in (source, target)))
 
     def above(self, frame: str) -> tuple[str, NDArray[Any]] | None:
         """The parent of a frame that is fixed to it, and the matrix that takes its points there."""
         return None if frame in self._moving else self._parents.get(frame)
 
-    def _ancestors(self, frame: str) -> dict[str, NDArray[Any]]:
-        """The frame and all above it, each with the matrix that takes its points there."""
-        matrix = np.eye(4)
-        found = {frame: matrix}
-        while (step := self.above(frame)) is not None and step[0] not in found:
-            frame, matrix = step[0], step[1] @ matrix
-            found[frame] = matrix
-        return found
+
+def ancestors(
+    frame: str, above: Callable[[str], tuple[str, NDArray[Any]] | None]
+) -> dict[str, NDArray[Any]]:
+    """The frame and all above it, each with the 4x4 that takes the frame's points there.
+
+    above: a frame's parent, and the 4x4 that takes its points there; None for a root.
+    """
+    matrix = np.eye(4)
+    found = {frame: matrix}
+    while (step := above(frame)) is not None and step[0] not in found:
+        frame, matrix = step[0], step[1] @ matrix
+        found[frame] = matrix
+    return found
 
 
 def joined(
