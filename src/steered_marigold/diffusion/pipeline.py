@@ -29,9 +29,6 @@ class SteeredMarigoldPipeline(SteeredMarigold, MarigoldDepthPipeline):  # type: 
     `AutoencoderTiny` of "madebyollin/taesd", for the VAE while steering with
     `steering_codec="tiny"`. The configuration `continues_known` says that the U-Net was trained on
     latents of which a part is clean.
-
-    A call is checked (`check_call`), then has three acts: it reads the images (`read`), samples
-    depth latents (`sample_latents`), and makes metric depth of them (`_answer`).
     """
 
     model_cpu_offload_seq = "text_encoder->image_encoder->unet->steering_vae->vae"
@@ -84,11 +81,6 @@ class SteeredMarigoldPipeline(SteeredMarigold, MarigoldDepthPipeline):  # type: 
     def predictor(
         self, image_latents: Tensor, prompt_tokens: int | None = None
     ) -> Callable[[Tensor, Tensor], Tensor]:
-        """The U-Net as a function of (latents [batch, 4, h, w], timestep), the empty prompt given.
-
-        image_latents: [batch, channels, h, w]. prompt_tokens: the prompt's padded length; None
-        does not pad it.
-        """
         text = self._empty_prompt(prompt_tokens).expand(len(image_latents), -1, -1)
 
         def predict(latents: Tensor, t: Tensor) -> Tensor:
