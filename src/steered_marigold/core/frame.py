@@ -110,6 +110,11 @@ class Frame:
         return replace(kept, missing={**self.missing, **counts}, notices=notices)
 
 
+def in_words(missing: Mapping[str, int]) -> str:
+    """The reasons that there are pixels for: "12 zero, 3 beyond max depth"."""
+    return ", ".join(f"{count} {why.replace('_', ' ')}" for why, count in missing.items() if count)
+
+
 def make_frame(
     image: Any,
     sparse_depth: Any = None,

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from steered_marigold.core.doubts import blank_image_doubts, require_another_image, scale_doubts
 from steered_marigold.core.edge_agreement import misalignment_doubts
-from steered_marigold.core.frame import Frame
+from steered_marigold.core.frame import Frame, in_words
 from steered_marigold.core.inversion import inversion_doubts
 from steered_marigold.core.notices import Notice
 from steered_marigold.core.registration import (
@@ -369,9 +369,8 @@ def _read_depth(path: Path, reading: Reading, K: Float[Tensor, "3 3"] | None) ->
         baseline=reading.baseline,
     )
     if not measured.valid_mask.any() and not reading.no_measurements:
-        reasons = [f"{n} {name.replace('_', ' ')}" for name, n in measured.missing.items() if n]
         raise NoMeasurementsError(
-            f"{path}: no valid pixel ({', '.join(reasons)}); "
+            f"{path}: no valid pixel ({in_words(measured.missing)}); "
             "`no_measurements` gives relative depth from the image alone"
         )
     return measured

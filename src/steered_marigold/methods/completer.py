@@ -7,7 +7,7 @@ from typing import Any, final
 import torch
 
 from steered_marigold.core.completion import DepthCompletion
-from steered_marigold.core.frame import Frame, make_frame
+from steered_marigold.core.frame import Frame, in_words, make_frame
 from steered_marigold.errors import NoMeasurementsError
 
 # what answers draw from when nobody gives a generator: the same call gives the same answer
@@ -64,8 +64,8 @@ class DepthCompleter(ABC):
         from this method.
         """
         if not frame.measured and not (relative and self.answers_without_measurements):
-            why = [f"{n} {name.replace('_', ' ')}" for name, n in frame.missing.items() if n]
-            left_out = f" (left out: {', '.join(why)})" if why else ""
+            why = in_words(frame.missing)
+            left_out = f" (left out: {why})" if why else ""
             raise NoMeasurementsError(f"{self.name}: nothing was measured{left_out}")
         return self._complete(frame, generator or torch.Generator().manual_seed(SEED))
 
