@@ -4,11 +4,11 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from steered_marigold.core.notices import Notice, Notices
+from steered_marigold.core.thinning import thinned
 from steered_marigold.errors import InputError
 
 _PLAUSIBLE_M = (0.01, 200.0)
 _BLANK = 6  # of 255: the noise of a lens that is covered
-SAMPLE = 20_000  # pixels that are looked at, evenly spread
 
 
 def scale_doubts(
@@ -28,7 +28,7 @@ def scale_doubts(
 
 def blank_image_doubts(image: UInt8[Tensor, "height width 3"]) -> Notices:
     """A notice if all but the extreme pixels of an image have one colour: it tells no depth."""
-    codes = image.flatten(0, 1)[:: max(1, image.shape[0] * image.shape[1] // SAMPLE)].float()
+    codes = thinned(image.flatten(0, 1)).float()
     low, high = codes.quantile(codes.new_tensor([0.01, 0.99]), dim=0)
     if bool((high - low > _BLANK).any()):
         return ()

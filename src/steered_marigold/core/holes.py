@@ -10,10 +10,10 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from steered_marigold.core.distance import distance_to
+from steered_marigold.core.thinning import thinned
 
 # the measured range is that of all measurements but so many at both ends
 RANGE_TAILS = 0.02
-SAMPLE = 20_000  # measurements that tell the range, evenly spread
 # A sensor has a range if, of what is DEEP (a share of the diagonal) in holes, so much lies beyond
 # the measured range, and next to nothing within it, both clearly (in log depth): true of four in
 # five tune frames whose depth is cut by distance, and of one in fifteen that are cut elsewhere.
@@ -74,9 +74,7 @@ def find_holes(
     step = max(1, round(diagonal * DISTANCE_STEP))
     distance = distance_to(trusted, cap=math.ceil(diagonal), step=step) / diagonal
     measured = sparse_depth[trusted].log()
-    low, high = measured[:: -(-len(measured) // SAMPLE)].quantile(
-        measured.new_tensor((RANGE_TAILS, 1 - RANGE_TAILS))
-    )
+    low, high = thinned(measured).quantile(measured.new_tensor((RANGE_TAILS, 1 - RANGE_TAILS)))
     deep = prior[distance > DEEP].log()
     cut = Hole.FARTHER if _is_cut(deep - high) else Hole.NEARER if _is_cut(low - deep) else None
     if cut is not None:

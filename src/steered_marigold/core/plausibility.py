@@ -12,11 +12,11 @@ from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 from torch import Tensor
 
+from steered_marigold.core.thinning import thinned
+
 NEAREST, FARTHEST = 0.001, 1e5  # [m]; nothing beyond is depth
 # with fewer measurements nothing can be said of any of them
 LEAST_MEASUREMENTS = 20
-# quantiles and frequencies are those of so many, evenly spread
-SAMPLE = 20_000
 # A fill is one value at so many pixels, FAR_FACTOR times farther (or nearer) than all others but
 # the last hundredth; or FILL_FACTOR times farther, if it is so much more frequent than any other
 # value: a wall at the end of a corridor, in a file of few steps, is neither. A box before
@@ -64,7 +64,7 @@ def plausible_measurements(
         keep &= depth != fill
     repeated = int(np.count_nonzero(~keep)) - beyond
     if np.count_nonzero(keep) >= LEAST_MEASUREMENTS:
-        near, far = np.quantile(_sample(depth[keep]), (0.1, 0.9))
+        near, far = np.quantile(thinned(depth[keep]), (0.1, 0.9))
         keep &= (depth <= far * ABSURD_FACTOR) & (depth >= near / ABSURD_FACTOR)
     mask = valid_mask.clone()
     mask[valid_mask] = torch.from_numpy(keep).to(mask.device)
@@ -81,7 +81,7 @@ def _fill(depth: NDArray[np.float32]) -> float | None:
         count = np.count_nonzero(is_extreme)
         if count < FILL_PIXELS or len(depth) - count < LEAST_MEASUREMENTS:
             continue
-        others = _sample(depth[~is_extreme]).astype(np.float64)
+        others = thinned(depth[~is_extreme]).astype(np.float64)
         near, far = np.quantile(others, (0.01, 0.99))
         beyond = max(extreme / far, near / extreme)
         frequency = np.unique(others, return_counts=True)[1].max() * (len(depth) - count)
@@ -93,7 +93,3 @@ def _fill(depth: NDArray[np.float32]) -> float | None:
         if is_fill:
             return float(extreme)
     return None
-
-
-def _sample(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    return values[:: -(-len(values) // SAMPLE)]
