@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from steered_marigold.io.files import stale_temporaries
+from steered_marigold.io.files import remove_stale
 from steered_marigold.io.locks import run_lock
 
 
@@ -19,6 +19,5 @@ def at_work(lock: Path, folders: Iterable[Path]) -> Iterator[bool]:
     """
     with run_lock(lock) as alone:
         for folder in folders:
-            for left in stale_temporaries(folder, **({"older_than_s": 0.0} if alone else {})):
-                left.unlink(missing_ok=True)
+            remove_stale(folder, **({"older_than_s": 0.0} if alone else {}))
         yield alone

@@ -20,7 +20,7 @@ from steered_marigold.io.bags import (
     completed_messages,
     copy_with,
 )
-from steered_marigold.io.files import create_folder, stale_temporaries
+from steered_marigold.io.files import create_folder, remove_stale
 from steered_marigold.io.images import write_image
 from steered_marigold.methods.completer import SEED, DepthCompleter
 
@@ -100,8 +100,7 @@ def save_recording(
     tally = Tally()
     for name in ("image", "depth", "uncertainty"):
         create_folder(folder / name)
-        for left in stale_temporaries(folder / name):
-            left.unlink(missing_ok=True)
+        remove_stale(folder / name)
     answers = _answers(
         completer, frames, tally, on_frame, seed=seed, max_uncertainty=max_uncertainty
     )

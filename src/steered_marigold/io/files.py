@@ -191,6 +191,12 @@ def stale_temporaries(folder: AnyPath, *, older_than_s: int | float = _HOUR_S) -
     )
 
 
+def remove_stale(folder: AnyPath, *, older_than_s: int | float = _HOUR_S) -> None:
+    """Removes the `stale_temporaries` of a folder."""
+    for left in stale_temporaries(folder, older_than_s=older_than_s):
+        left.unlink(missing_ok=True)
+
+
 def _beside(path: Path, mark: str) -> Path:
     return path.with_name(
         f".{path.stem[:_LONGEST_STEM]}.{uuid.uuid4().hex[:8]}.{mark}{path.suffix}"
