@@ -67,6 +67,11 @@ class Plan:
     frames: Sequence[str]
     skipped: int
 
+    @property
+    def total(self) -> int:
+        """How many frames there are; the source would have to list them again."""
+        return len(self.frames) + self.skipped
+
     def tasks(self) -> Iterator[FrameTask]:
         """The frames to do."""
         for frame_id in self.frames:

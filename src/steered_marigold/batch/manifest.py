@@ -184,7 +184,7 @@ def _write(
     session = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         **engine,
-        "frames": len(todo.source.ids),
+        "frames": todo.total,
         "skipped": todo.skipped,
         "versions": {"python": python_version()} | {name: version(name) for name in _PACKAGES},
     }

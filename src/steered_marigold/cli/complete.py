@@ -370,7 +370,7 @@ def _complete_folders(
     from steered_marigold.batch.run import complete_all
 
     if todo.source.rule:
-        say(f"{len(todo.source.ids)} frames, paired by {todo.source.rule}")
+        say(f"{todo.total} frames, paired by {todo.source.rule}")
     for path in todo.source.lone:
         say_error(f"{path}: belongs to no pair")
     count, total = Count(skipped=todo.skipped, failed=len(todo.source.lone)), len(todo.frames)
