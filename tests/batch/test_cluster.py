@@ -17,7 +17,7 @@ from steered_marigold.frames.outputs import Outputs
 from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
 from steered_marigold.io.json_lines import JsonLines
 from tests.batch.workers import LoadsOneToBeKilled, load
-from tests.frames.completers import write_frame
+from tests.frames.completers import write_frames
 
 pytest.importorskip("ray")
 pytestmark = [
@@ -32,12 +32,7 @@ HOW = {"completing": {"seed": 0}}
 @pytest.fixture
 def inputs(tmp_path: Path) -> FrameFiles:
     """Folders of frames."""
-    images, depths = tmp_path / "images", tmp_path / "depths"
-    images.mkdir()
-    depths.mkdir()
-    for index in range(FRAMES):
-        write_frame(images / f"{index:02d}.png", depths / f"{index:02d}.png", seed=index)
-    return FrameFiles(image=images, depth=depths)
+    return write_frames(tmp_path, (f"{index:02d}" for index in range(FRAMES)))
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
 from steered_marigold.io.json_lines import JsonLines
 from tests.batch.workers import load
 from tests.faults.children import Child
-from tests.frames.completers import write_frame
+from tests.frames.completers import write_frame, write_frames
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
@@ -39,12 +39,7 @@ HOW = {"completing": {"seed": 0}}
 @pytest.fixture
 def inputs(tmp_path: Path) -> FrameFiles:
     """Folders of frames."""
-    images, depths = tmp_path / "images", tmp_path / "depths"
-    images.mkdir()
-    depths.mkdir()
-    for index in range(FRAMES):
-        write_frame(images / f"{index}.png", depths / f"{index}.png", seed=index)
-    return FrameFiles(image=images, depth=depths)
+    return write_frames(tmp_path, map(str, range(FRAMES)))
 
 
 def _run(inputs: FrameFiles, out: Path, workers: int = 1) -> None:

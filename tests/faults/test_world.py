@@ -19,7 +19,7 @@ from steered_marigold.frames.outputs import Outputs
 from steered_marigold.frames.sources import FrameFiles, Reading, folder_source
 from tests.batch.workers import load
 from tests.faults.children import Child
-from tests.frames.completers import write_frame
+from tests.frames.completers import write_frames
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
@@ -28,15 +28,6 @@ pytestmark = [
 
 HOW = {"completing": {"seed": 0}}
 NOBODY = 65534
-
-
-def _inputs(folder: Path, names: list[str]) -> FrameFiles:
-    images, depths = folder / "images", folder / "depths"
-    images.mkdir(parents=True)
-    depths.mkdir()
-    for seed, name in enumerate(names):
-        write_frame(images / f"{name}.png", depths / f"{name}.png", seed=seed)
-    return FrameFiles(image=images, depth=depths)
 
 
 def _run(inputs: FrameFiles, outputs: Outputs, suffix: str = ".npy") -> list[Outcome]:
@@ -62,7 +53,7 @@ def test_a_full_disk_ends_the_run_and_leaves_whole_frames(
     small_disk: Path, tmp_path: Path, suffix: str
 ) -> None:
     names = [str(number) for number in range(40)]
-    inputs = _inputs(tmp_path, names)
+    inputs = write_frames(tmp_path, names)
     out = Outputs(depth=small_disk / "depth", uncertainty=small_disk / "sure")
     outcomes = _run(inputs, out, suffix)
     assert outcomes[-1].ends_run
@@ -77,7 +68,7 @@ def test_a_full_disk_ends_the_run_and_leaves_whole_frames(
 
 
 def test_a_folder_that_may_not_be_written_to(tmp_path: Path) -> None:
-    inputs = _inputs(tmp_path, ["0"])
+    inputs = write_frames(tmp_path, ["0"])
     out = tmp_path / "out"
     out.mkdir()
     out.chmod(0o555)
@@ -100,14 +91,15 @@ def test_a_folder_that_may_not_be_written_to(tmp_path: Path) -> None:
 def test_results_on_another_file_system(tmp_path: Path) -> None:
     other = Path("/dev/shm") / f"steered-marigold-{os.getpid()}"
     try:
-        assert [x.error for x in _run(_inputs(tmp_path, ["0"]), Outputs(depth=other))] == [None]
+        inputs = write_frames(tmp_path, ["0"])
+        assert [x.error for x in _run(inputs, Outputs(depth=other))] == [None]
         assert (other / "0.npy").is_file()
     finally:
         shutil.rmtree(other, ignore_errors=True)
 
 
 def test_an_input_that_vanishes_costs_its_frame(tmp_path: Path) -> None:
-    inputs = _inputs(tmp_path, ["0", "1", "2"])
+    inputs = write_frames(tmp_path, ["0", "1", "2"])
     source = folder_source(inputs, Reading())
     todo = plan(source, Outputs(depth=tmp_path / "out"), suffix=".npy", overwrite=False)
     outcomes = complete_all(load, todo, JobSettings(), HOW)
@@ -121,7 +113,7 @@ def test_an_input_that_vanishes_costs_its_frame(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "darwin", reason="names are UTF-8 there")
 def test_names_with_any_bytes(tmp_path: Path) -> None:
     names = ["two\nlines", os.fsdecode(b"caf\xe9"), "  ", "ünï", '"quoted"', "-o"]
-    outcomes = _run(_inputs(tmp_path, names), Outputs(depth=tmp_path / "out"))
+    outcomes = _run(write_frames(tmp_path, names), Outputs(depth=tmp_path / "out"))
     assert [x.error for x in outcomes] == [None] * len(names)
     assert {path.stem for path in (tmp_path / "out").glob("*.npy")} == set(names)
 
@@ -139,7 +131,7 @@ def _command(inputs: FrameFiles, out: Path, *more: str) -> None:
 def test_a_signal_ends_a_run_with_a_count(
     tmp_path: Path, number: int, code: int, word: str
 ) -> None:
-    inputs, out = _inputs(tmp_path, [str(n) for n in range(200)]), tmp_path / "out"
+    inputs, out = write_frames(tmp_path, [str(n) for n in range(200)]), tmp_path / "out"
     child = Child(lambda: _command(inputs, out), tmp_path / "said")
     child.until(lambda: any(out.glob("*.png")))
     assert child.end(number, 0) == code, child.said()
@@ -151,7 +143,7 @@ def test_a_signal_ends_a_run_with_a_count(
 
 
 def test_a_closed_pipe_and_a_full_stdout(tmp_path: Path) -> None:
-    inputs = _inputs(tmp_path, ["0", "1"])
+    inputs = write_frames(tmp_path, ["0", "1"])
     reading, writing = os.pipe()
     os.close(reading)
     piped = Child(

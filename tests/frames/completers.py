@@ -1,5 +1,6 @@
 """Small completers that need no checkpoint, and frames on disk for them."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from scipy.ndimage import distance_transform_edt
 
 from steered_marigold.core.completion import DepthCompletion
 from steered_marigold.core.frame import Frame
+from steered_marigold.frames.sources import FrameFiles
 from steered_marigold.methods.completer import DepthCompleter
 
 HEIGHT, WIDTH = 24, 32
@@ -55,6 +57,16 @@ class SilentCompleter(NearestCompleter):
     def _complete(self, frame: Frame, generator: torch.Generator) -> DepthCompletion:
         answer = super()._complete(frame, generator)
         return replace(answer, uncertainty=None, affine_depth=None, scale=None, shift=None)
+
+
+def write_frames(folder: Path, names: Iterable[str]) -> FrameFiles:
+    """Folders of frames, below a folder."""
+    images, depths = folder / "images", folder / "depths"
+    images.mkdir(parents=True)
+    depths.mkdir()
+    for seed, name in enumerate(names):
+        write_frame(images / f"{name}.png", depths / f"{name}.png", seed=seed)
+    return FrameFiles(image=images, depth=depths)
 
 
 def write_frame(image: Path, depth: Path, seed: int) -> None:
